@@ -1,25 +1,65 @@
-"""The memory that this process may still take: what the machine and its control group leave it."""
+"""The memory and the processors that this process may still use.
+
+Its limits are those of the machine, of its own control group and of all groups above (a batch
+system gives each job a group, and a container sees its own as the root), and those of ``ulimit``.
+"""
 
 from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-CGROUPS = (
-    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
-    (
-        "/sys/fs/cgroup/memory/memory.limit_in_bytes",
-        "/sys/fs/cgroup/memory/memory.usage_in_bytes",
-    ),
+GROUPS = Path("/proc/self/cgroup")
+MOUNT = Path("/sys/fs/cgroup")
+
+MEMORY = (
+    ("memory.max", "memory.current", "inactive_file"),
+    ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 )
-"""The limit and the use of the control group, as a container sees them (version 2, version 1)."""
+"""The files of a limit and of what is used of it, and the entry of ``memory.stat`` that counts used
+memory which is free at once, as copies of files are: in version 2 and in version 1."""
 
 
 def available_bytes() -> float:
-    """The least of what the machine and the control group have left; infinite if neither says."""
-    return min(_of_machine(), *(_left(Path(limit), Path(used)) for limit, used in CGROUPS))
+    """The least that the machine and the limits of this process leave; infinite if none says."""
+    groups = (_left_in(folder) for folder in _groups("memory"))
+    return min(_of_machine(), _of_address_space(), *groups)
+
+
+def processors() -> int:
+    """The number of processors that this process may use at a time, at least 1.
+
+    A part of a processor, which a control group may allow, counts as one.
+    """
+    try:
+        allowed = float(len(os.sched_getaffinity(0)))
+    except AttributeError:  # not on this system
+        allowed = float(os.cpu_count() or 1)
+    return max(1, math.ceil(min(allowed, quota())))
+
+
+def quota() -> float:
+    """The processors whose time control groups allow this process; infinite without a limit."""
+    return min((_quota_of(folder) for folder in _groups("cpu")), default=math.inf)
+
+
+def _groups(controller: str) -> Iterator[Path]:
+    """Yield the folders of this process's control groups: its own, and those above to the root."""
+    found = [(MOUNT, ""), (MOUNT / "unified", ""), (MOUNT / controller, "")]
+    with suppress(OSError, ValueError):
+        for line in GROUPS.read_text(encoding="utf-8").splitlines():
+            _, controllers, path = line.split(":", 2)
+            if not controllers:  # version 2
+                found += [(MOUNT, path), (MOUNT / "unified", path)]
+            elif controller in controllers.split(","):
+                found.append((MOUNT / controller, path))
+    for mount, path in found:
+        names = [name for name in path.split("/") if name not in ("", "..")]
+        for depth in range(len(names), -1, -1):
+            yield mount.joinpath(*names[:depth])
 
 
 def _of_machine() -> float:
@@ -32,8 +72,48 @@ def _of_machine() -> float:
     return math.inf
 
 
-def _left(limit: Path, used: Path) -> float:
-    """What is left of a limit; infinite if there is none ("max", or no such file)."""
+def _of_address_space() -> float:
+    """What ``ulimit -v`` and ``ulimit -d`` leave of this process's addresses."""
+    left = math.inf
+    with suppress(ImportError, OSError, ValueError, IndexError):
+        import resource
+
+        pages = Path("/proc/self/statm").read_text(encoding="ascii").split()
+        for kind, used in ((resource.RLIMIT_AS, pages[0]), (resource.RLIMIT_DATA, pages[5])):
+            limit, _ = resource.getrlimit(kind)
+            if limit != resource.RLIM_INFINITY:
+                taken = float(used) * os.sysconf("SC_PAGE_SIZE")
+                left = min(left, max(0.0, limit - taken))
+    return left
+
+
+def _left_in(folder: Path) -> float:
+    """What is left of a control group's memory; infinite without a limit ("max", or no file)."""
+    left = math.inf
+    for limit, used, reclaimable in MEMORY:
+        with suppress(OSError, ValueError):
+            whole, taken = (float((folder / file).read_text()) for file in (limit, used))
+            left = min(left, max(0.0, whole - max(0.0, taken - _entry(folder, reclaimable))))
+    return left
+
+
+def _entry(folder: Path, name: str) -> float:
+    """An entry of the group's ``memory.stat``; 0 if there is none."""
     with suppress(OSError, ValueError):
-        return max(0.0, float(limit.read_text()) - float(used.read_text()))
+        for line in (folder / "memory.stat").read_text().splitlines():
+            key, _, value = line.partition(" ")
+            if key == name:
+                return float(value)
+    return 0.0
+
+
+def _quota_of(folder: Path) -> float:
+    """The processors whose time a control group allows; infinite without a limit."""
+    with suppress(OSError, ValueError):
+        allowed, period = (folder / "cpu.max").read_text().split()
+        return float(allowed) / float(period)  # "max" is no number
+    with suppress(OSError, ValueError, ZeroDivisionError):
+        allowed_us = float((folder / "cpu.cfs_quota_us").read_text())
+        period_us = float((folder / "cpu.cfs_period_us").read_text())
+        return allowed_us / period_us if allowed_us > 0.0 else math.inf
     return math.inf

@@ -182,12 +182,14 @@ class Totals:
         """Return the measures of all added requests, as the function ``summary`` does."""
         open_s, attached_s = self._open_s, self._attached_s
         means = {name: mean.value() for name, mean in self._means.items()}
+        # Times in seconds are rounded, so that their differences may be a little too short.
+        active = min(float(100 * attached_s / open_s), 100.0) if open_s > 0 else None
         return {
             "requests": self._count,
             "qoe1_percent": means["qoe1_percent"],
             "qoe1_feasible_percent": means["qoe1_feasible_percent"],
             "qoe2_iterations": means["qoe2_iterations"],
-            "qoe3_active_percent": float(100 * attached_s / open_s) if open_s > 0 else None,
+            "qoe3_active_percent": active,
             "wait_s": means["wait_s"],
             "completion_s": means["completion_s"],
             **{name: self._counts[name] for name in COUNTED},

@@ -173,7 +173,7 @@ POINTS = Columns(
 LINKS = Columns(
     "If the drones' radio is not the paper's disc:",
     link_handovers=(INT, "How often a user passed from one drone to another without a break."),
-    ping_pongs=(INT, "How many of these handovers led back to a drone left 1 s ago or less."),
+    ping_pongs=(INT, "How many of these handovers led back, within 1 s, to the drone before."),
     outages=(INT, "How often a user with an open request had no link to any drone for a time."),
     outage_s=(FLOAT, "Seconds in such outages, summed over the users."),
     delivered_mbit=(FLOAT, "The volume that was delivered to all users together, in Mbit."),
@@ -191,14 +191,22 @@ APART = Columns(
 
 ENERGY = Columns(
     "If batteries are measured in Wh:",
-    energy_wh=(FLOAT, "What the drones used in flight, in Wh, summed over them."),
-    charged_wh=(FLOAT, "What they were charged with, in Wh, summed over them."),
+    energy_wh=(
+        FLOAT,
+        "What the drones used in flight, in Wh, summed over those whose batteries are measured in "
+        "Wh.",
+    ),
+    charged_wh=(FLOAT, "What these drones were charged with, in Wh, summed over them."),
     served_mbit=(
         FLOAT,
         "What was served to all users together, in Mbit: the rate of a request times the time for "
         "which it was served, or the volume that was delivered.",
     ),
-    j_per_mbit=(FLOAT, "`energy_wh` in joules over `served_mbit`. Null if nothing was served."),
+    j_per_mbit=(
+        FLOAT,
+        "`energy_wh` in joules over `served_mbit`. Null if nothing was served, or if the batteries "
+        "of some drones are not measured in Wh.",
+    ),
 )
 
 EPISODES = Columns(

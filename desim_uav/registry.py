@@ -2,7 +2,7 @@
 
 A built-in component registers itself with ``@register("mobility", "random_walk")``. A component of
 your own is named ``"package.module:Class"``. To import it runs its code, so use only components
-that you trust.
+that you trust; ``desim-uav --no-plugins`` refuses them all.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, ClassVar, TypeVar
 
+from desim_uav import own_code
 from desim_uav.errors import DesimError, SimulationError
+from desim_uav.plug_ins import ADMISSION
 
 _SLOTS: dict[str, dict[str, type]] = {}
 
@@ -211,6 +213,7 @@ def _imported(name: str) -> ModuleType:
 
 
 def _import_class(name: str) -> type:
+    ADMISSION.ask(name)
     module_name, _, class_name = name.rpartition(":")
     try:
         module = _imported(module_name)
@@ -222,6 +225,12 @@ def _import_class(name: str) -> type:
         raise ValueError(f"cannot import {name!r}: {error}") from error
     except FAULTS as error:
         raise ValueError(f"cannot import {name!r}: {what_failed(error)}") from error
+    try:
+        if not module_name.endswith(".py"):  # a path is of one file
+            own_code.check_place(module)
+        own_code.check_unchanged(module)
+    except ValueError as error:
+        raise ValueError(f"cannot use {name!r}: {error}") from error
     _PLUG_INS[str(getattr(module, "__file__", None))] = module_name
     if not isinstance(found, type):
         raise ValueError(f"{name!r} is not a class")

@@ -1,6 +1,8 @@
-"""Reads files from untrusted sources: only regular files of a bounded size.
+"""Opens files where others may have put something else: only regular files, and no links to write.
 
-Reading a pipe or a device might never end, so both are refused.
+Reading a pipe or a device might never end, so both are refused. Writing follows no link, because
+whoever can write to a folder could otherwise have any file of its reader's emptied: a new file is
+made under a name that nothing has, and a lock is refused if it is a link or somebody's file.
 """
 
 from __future__ import annotations
@@ -14,6 +16,10 @@ from typing import IO
 
 MIB = 2**20
 
+AT_ONCE = getattr(os, "O_NONBLOCK", 0)  # a pipe without a writer does not hold us up
+BINARY = getattr(os, "O_BINARY", 0)
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+
 
 @contextmanager
 def opened(path: Path, most: int) -> Iterator[IO[bytes]]:
@@ -21,9 +27,7 @@ def opened(path: Path, most: int) -> Iterator[IO[bytes]]:
 
     Raises OSError if it cannot be opened, and ValueError if it is not a regular file or is larger.
     """
-    at_once = getattr(os, "O_NONBLOCK", 0)  # a pipe without a writer does not hold us up
-    binary = getattr(os, "O_BINARY", 0)
-    with os.fdopen(os.open(path, os.O_RDONLY | at_once | binary), "rb") as file:
+    with os.fdopen(os.open(path, os.O_RDONLY | AT_ONCE | BINARY), "rb") as file:
         status = os.fstat(file.fileno())
         if not stat.S_ISREG(status.st_mode):
             raise ValueError("it is not a regular file")
@@ -42,6 +46,37 @@ def content_of(path: Path, most: int) -> bytes:
 def text_of(path: Path, most: int) -> str:
     """Read a regular file of UTF-8 text. Raises what ``opened`` raises; ValueError if not UTF-8."""
     return content_of(path, most).decode("utf-8")
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[IO[bytes]]:
+    """Make a new file for writing.
+
+    Raises OSError if there is anything of this name, a link included.
+    """
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK | BINARY
+    with os.fdopen(os.open(path, flags, 0o666), "wb") as file:
+        yield file
+
+
+@contextmanager
+def lock_file(path: Path, mark: bytes) -> Iterator[IO[bytes]]:
+    """Open a small file for reading and writing, or make it.
+
+    Raises OSError if it cannot be opened, which includes a link, and ValueError if it is not a
+    regular file with one name that is empty or begins with ``mark``: it would be somebody's file.
+    """
+    flags = os.O_RDWR | os.O_CREAT | NO_LINK | AT_ONCE | BINARY
+    with os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0) as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise ValueError("it is not a regular file")
+        if status.st_nlink > 1:
+            raise ValueError("it is a second name of another file")
+        if not mark.startswith(file.read(len(mark))):
+            raise ValueError("it is not a lock of desim-uav")
+        file.seek(0)
+        yield file
 
 
 def _refuse_larger(size: int, most: int) -> None:

@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from desim_uav.checksums import SUMS, of_files, verify
-from desim_uav.errors import DesimError, PolicyError, ScenarioError, UsageError
+from desim_uav.errors import DesimError, PolicyError, ScenarioError, UsageError, in_short
 from desim_uav.records import TABLES, Columns, arrow_schema, misfit
 from desim_uav.registry import did_you_mean
+from desim_uav.regular_file import lock_file, new_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from desim_uav.world import World
 
 LONGEST_NAME = 200
+HOLDER = "process"
+"""What the content of a lock file begins with."""
 
 fcntl: Any = None
 with suppress(ImportError):
@@ -61,8 +64,12 @@ class Draft:
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file."""
+        self.write_bytes(name, text.encode())
+
+    def write_bytes(self, name: str, content: bytes) -> None:
+        """Write a file."""
         with self._new_file(name) as file:
-            file.write(text.encode())
+            file.write(content)
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a JSON file."""
@@ -76,10 +83,9 @@ class Draft:
 
     @contextmanager
     def _new_file(self, name: str) -> Iterator[IO[bytes]]:
-        with self._complaining(name), (self.path / name).open("wb") as file:
+        with self._complaining(name), new_file(self.path / name) as file:
             yield file
-            file.flush()
-            os.fsync(file.fileno())
+            _sync(file)
 
     @contextmanager
     def _complaining(self, name: str) -> Iterator[None]:
@@ -104,28 +110,27 @@ def held(folder: Path) -> Iterator[None]:
     with _locked(file, folder) as own:
         try:
             own.truncate(0)
-            who = f"process {os.getpid()}, since {datetime.now():%H:%M:%S}"
+            who = f"{HOLDER} {os.getpid()}, since {datetime.now():%H:%M:%S}"
             with suppress(OSError):  # the disk is full: it holds all the same, without a name
-                os.write(own.fileno(), who.encode())
+                own.write(who.encode())
             yield
         finally:
             file.unlink(missing_ok=True)
 
 
 @contextmanager
-def _locked(file: Path, folder: Path) -> Iterator[IO[str]]:
+def _locked(file: Path, folder: Path) -> Iterator[IO[bytes]]:
     while True:
-        try:
-            own = file.open("a+", encoding="utf-8")
-        except OSError as error:
-            raise UsageError(f"cannot write to {folder.parent}: {error.strerror}") from error
-        with own:
+        with ExitStack() as opened:
+            try:
+                own = opened.enter_context(lock_file(file, HOLDER.encode()))
+            except (OSError, ValueError) as error:
+                raise _no_lock(file, folder, error) from error
             try:
                 fcntl.flock(own, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                own.seek(0)
-                who = own.read(200) or "another process"
-                raise UsageError(f"{folder}: {who} is writing to it") from None
+                who = own.read(200).decode(errors="replace") or "another process"
+                raise UsageError(f"{folder}: {in_short(who)} is writing to it") from None
             except OSError:  # a file system without locks
                 yield own
                 return
@@ -134,7 +139,15 @@ def _locked(file: Path, folder: Path) -> Iterator[IO[str]]:
                 return
 
 
-def _is_still(file: Path, own: IO[str]) -> bool:
+def _no_lock(file: Path, folder: Path, error: OSError | ValueError) -> UsageError:
+    """Return what to say of a lock file that cannot be used."""
+    if not os.path.lexists(file):
+        return UsageError(f"cannot write to {folder.parent}: {getattr(error, 'strerror', error)}")
+    reason = "it is a link" if file.is_symlink() else getattr(error, "strerror", None) or error
+    return UsageError(f"{folder} cannot be locked with {file}: {reason}; remove or rename it")
+
+
+def _is_still(file: Path, own: IO[bytes]) -> bool:
     """Return whether the lock file is still the one that was opened, and not removed since."""
     try:
         return file.stat().st_ino == os.fstat(own.fileno()).st_ino
@@ -248,10 +261,9 @@ def write_whole(path: Path, content: bytes) -> None:
     """
     beside = path.with_name(f".{path.name}-{uuid.uuid4().hex}")
     try:
-        with beside.open("wb") as file:
+        with new_file(beside) as file:
             file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+            _sync(file)
         beside.replace(path)
     except OSError as error:
         raise DesimError(f"cannot write {path}: {error.strerror or error}") from error
@@ -426,6 +438,12 @@ def _followed(path: Path) -> Path:
     if target.is_symlink():  # later versions leave the circle as it is
         raise circle
     return target
+
+
+def _sync(file: IO[bytes]) -> None:
+    """Have the system write a file to the disk."""
+    file.flush()
+    os.fsync(file.fileno())
 
 
 def _sync_folder(folder: Path) -> None:

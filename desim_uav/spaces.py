@@ -62,7 +62,9 @@ def widest(world: World, facts: Facts | None = None) -> Facts:
     low_m, high_m = obstacles.height_m
     tallest_m = math.nextafter(high_m, low_m)  # heights are drawn from [low, high)
     levels = scenario.map.levels
-    levels_m, under_ceiling = altitudes(levels.min_altitude_m, levels.step_m, tallest_m)
+    levels_m, under_ceiling = altitudes(
+        levels.min_altitude_m, levels.step_m, tallest_m, levels.max_altitude_m
+    )
     grid = replace(facts.grid, levels_m=levels_m, levels_under_ceiling=under_ceiling)
     return facts._replace(grid=grid)
 

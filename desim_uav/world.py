@@ -449,6 +449,11 @@ class World(Unchanging):
         """Whether some batteries are measured in microjoules, and not in time."""
         return any(each.in_joules for each in self.types)
 
+    @property
+    def all_in_joules(self) -> bool:
+        """Whether the batteries of all drones are measured in microjoules."""
+        return all(each.in_joules for each in self.types)
+
     # ---- what all drones have in common, if they are of one type
 
     @property
@@ -523,7 +528,9 @@ def build_world(scenario: Scenario, seed: int) -> World:
     levels_m: tuple[float, ...] = (levels.min_altitude_m,)
     under_ceiling = 1
     if scenario.three_d:
-        levels_m, under_ceiling = altitudes(levels.min_altitude_m, levels.step_m, height_m.max())
+        levels_m, under_ceiling = altitudes(
+            levels.min_altitude_m, levels.step_m, height_m.max(), levels.max_altitude_m
+        )
     width_m, depth_m = scenario.map.size_m
     grid = Grid(width_m, depth_m, height_m, levels_m, levels.step_m, under_ceiling)
     clusters = _draw_clusters(scenario, seed)

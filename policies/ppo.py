@@ -6,8 +6,8 @@ desim-uav run case8 --seed 0 --policy ppo_case8.npz
 Read it from top to bottom: options, networks, rollouts, advantages, updates, the file. All drones
 share one network. A *forced* step (the drone returns, charges or has crashed) is no decision: the
 policy learns nothing from it, and the rewards up to the next decision belong to the one before,
-discounted by gamma for each step. With --central (MAPPO) the critic also sees the whole state of
-the simulation. In free flight actions are normally distributed, and count as from -1 to 1.
+discounted by gamma to the power of the time, in steps. With --central (MAPPO) the critic also sees
+the whole state. In free flight actions are normally distributed, and count as from -1 to 1.
 """
 
 import argparse
@@ -99,16 +99,15 @@ class Rollouts:
     """Plays the environments; one tensor (rollout + 1, envs, drones, …) for each quantity."""
 
     def __init__(self, env, scaling, options):
-        self.env, self.options, (self.low, self.scale) = env, options, scaling
+        self.env, self.options, self.ends, (self.low, self.scale) = env, options, [], scaling
         seen, infos = env.reset(seed=2**40 + options.seed * options.envs)  # as no run of one's own
         shape = (options.rollout + 1, *seen.shape[:2])
         self.seen = torch.zeros(*shape, seen.shape[-1])
         self.masks = torch.zeros(*shape, infos["action_mask"].shape[-1], dtype=torch.bool)
         self.states = torch.zeros(*shape, len(env.state_names) if options.central else 0)
         self.actions = torch.zeros(*shape, *env.single_action_space.shape)
-        self.chances, self.values, self.rewards = torch.zeros(3, *shape)
+        self.chances, self.values, self.rewards, self.discounts = torch.zeros(4, *shape)
         self.terminated, self.over = torch.zeros(2, *shape, dtype=torch.bool)
-        self.ends = []
         self.put(-1, seen, infos)
 
     def put(self, t, seen, infos):
@@ -128,9 +127,10 @@ class Rollouts:
             self.actions[t] = drawn = policy.sample()
             self.chances[t] = policy.log_prob(drawn)
             self.values[t] = agent.value(self.seen[t], self.states[t])
-            seen, rewards, terminated, truncated, infos = self.env.step(drawn.numpy())
-            self.rewards[t], over = torch.from_numpy(rewards), terminated | truncated
-            self.terminated[t + 1], self.over[t + 1] = map(torch.from_numpy, (terminated, over))
+            seen, rewards, ended, cut, infos = self.env.step(drawn.numpy())
+            paid, over = (rewards, infos["discount"][:, None]), ended | cut
+            self.rewards[t], self.discounts[t] = map(torch.from_numpy, paid)
+            self.terminated[t + 1], self.over[t + 1] = map(torch.from_numpy, (ended, over))
             self.put(t + 1, seen, infos)
             self.ends += [[infos[of][k].mean() for of in SHOWN] for k in over[:, 0].nonzero()[0]]
         self.values[-1] = agent.value(self.seen[-1], self.states[-1])
@@ -139,15 +139,14 @@ class Rollouts:
         """The generalised advantage estimates (rollout, envs, drones).
 
         The sum runs through forced steps undiminished, so that their values cancel out: from a
-        decision to the next one it is that of the rewards, with gamma to the power of the steps.
+        decision to the next one it is that of the rewards, each discounted for the time before it.
         At a step that is over the environment only begins its next episode: the sum stops there.
         """
-        gamma, found = self.options.gamma, torch.zeros_like(self.values)
-        forced = self.masks.sum(-1) == 1
-        for t in reversed(range(self.options.rollout)):
+        forced, found = self.masks.sum(-1) == 1, torch.zeros_like(self.values)
+        for t, gamma in reversed([*enumerate(self.discounts[:-1])]):
             following = torch.where(self.terminated[t + 1], 0.0, self.values[t + 1])
             through = torch.where(forced[t + 1], 1.0, self.options.decay) * ~self.over[t + 1]
-            gained = self.rewards[t] * (1 - gamma) + gamma * following - self.values[t]
+            gained = self.rewards[t] * (1 - self.options.gamma) + gamma * following - self.values[t]
             found[t] = (gained + gamma * through * found[t + 1]) * ~self.over[t]
         return found[:-1]
 
@@ -183,8 +182,9 @@ def train(scenario, options, save=lambda network: None, say=lambda line: None):
     torch.use_deterministic_algorithms(True)
     own = scenario.model_copy(update={"seed": options.seed}).effective_world_seed
     worlds = range(own, own + 1) if options.worlds == "own" else options.worlds
-    scenario = scenario.model_copy(update={"world_seed": None})  # every episode begins afresh
-    env = UavParallelVectorEnv(scenario, options.envs, world_seed=worlds)
+    learning = scenario.learning.model_copy(update={"gamma": options.gamma})
+    scenario = scenario.model_copy(update={"world_seed": None, "learning": learning})
+    env = UavParallelVectorEnv(scenario, options.envs, world_seed=worlds)  # episodes begin afresh
     world = build_world(scenario, own)
     rollouts, began = Rollouts(env, scaling_of(world), options), time.monotonic()
     sizes = [each.shape[-1] for each in (rollouts.seen, rollouts.states)]

@@ -47,6 +47,7 @@ class EachDrone(VecEnv):
     def __init__(self, scenario, count, seed):
         if not scenario.free:
             raise UsageError(f"{scenario.name}: needs drones.motion: {{space: free}}")
+        scenario.require_one_discount("stable-baselines3")
         world_seed = configured(scenario, {"seed": seed}).effective_world_seed
         scenario = configured(scenario, {"world_seed": None})  # every episode begins afresh
         worlds, mode = range(world_seed, world_seed + 1), AutoresetMode.SAME_STEP

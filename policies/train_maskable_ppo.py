@@ -5,6 +5,7 @@ desim-uav run case1 --seed 0 --policy sb3:model.zip
 """
 
 import argparse
+import sys
 
 import gymnasium
 import numpy as np
@@ -14,6 +15,7 @@ from stable_baselines3.common.env_util import make_vec_env
 
 from desim_uav.env import UavEnv
 from desim_uav.env.configure import configured
+from desim_uav.errors import DesimError
 
 ENVS = 8
 """So many runs of the world side by side: drones that go on from each other's ends see little."""
@@ -45,6 +47,7 @@ def train(scenario, steps, seed):
     """A model that was trained in the world that ``desim-uav run --seed`` draws."""
     scenario = configured(scenario, {"seed": seed})
     scenario = configured(scenario, {"world_seed": scenario.effective_world_seed})
+    scenario.require_one_discount("stable-baselines3")
     model = MaskablePPO(
         "MlpPolicy",
         make_vec_env(lambda: Restarts(UavEnv(scenario)), ENVS),
@@ -69,9 +72,14 @@ def main(arguments=None):
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args(arguments)
     torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
-    train(asked.scenario, asked.steps, asked.seed).save(asked.file)
+    try:
+        train(asked.scenario, asked.steps, asked.seed).save(asked.file)
+    except DesimError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
     print(f"desim-uav run {asked.scenario} --seed {asked.seed} --policy sb3:{asked.file}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -5,6 +5,7 @@ desim-uav run case1 --seed 0 --policy rllib:checkpoint
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from ray.rllib.env.wrappers.pettingzoo_env import ParallelPettingZooEnv
 
 from desim_uav import UavParallelEnv
 from desim_uav.env.configure import configured
+from desim_uav.errors import DesimError
 from desim_uav.policies.rllib import save
 from desim_uav.policies.rllib.masking import AddActionMask, EncodeObservation, MaskedModule
 
@@ -61,6 +63,7 @@ def configuration(scenario, seed, shared=False):
     """PPO in the world that ``desim-uav run --seed`` draws: a network a drone, or one for all."""
     scenario = configured(scenario, {"seed": seed})
     scenario = configured(scenario, {"world_seed": scenario.effective_world_seed})
+    scenario.require_one_discount("RLlib")
     drones = [f"drone_{drone}" for drone in range(scenario.drone_count)]
     tune.register_env("drones", lambda _: Restarts(scenario))
     return (
@@ -110,12 +113,17 @@ def main(arguments=None):
     parser.add_argument("--shared", action="store_true", help="one network for all drones")
     asked = parser.parse_args(arguments)
     torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
-    algorithm = train(asked.scenario, asked.steps, asked.seed, asked.shared)
+    try:
+        algorithm = train(asked.scenario, asked.steps, asked.seed, asked.shared)
+    except DesimError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
     algorithm.save_to_path(Path(asked.folder).resolve())  # to go on with it in RLlib
     save(algorithm, asked.folder)  # for the run
     algorithm.stop()
     print(f"desim-uav run {asked.scenario} --seed {asked.seed} --policy rllib:{asked.folder}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -12,13 +12,16 @@ from pathlib import Path
 import pytest
 
 from desim_uav import cli
+from desim_uav.experiment import interrupt
 
 ROOT = Path(__file__).parents[1]
 START = "import sys; from desim_uav.cli import main; sys.exit(main())"
 USUAL = {
     signal.SIGINT: signal.default_int_handler,
-    signal.SIGTERM: signal.SIG_DFL,
-    signal.SIGHUP: signal.SIG_DFL,
+    **dict.fromkeys(
+        (getattr(signal, name) for name in (*interrupt.ALWAYS[1:], *interrupt.UNLESS_USED)),
+        signal.SIG_DFL,
+    ),
 }
 """What a signal does to a program that has just begun."""
 
@@ -126,8 +129,13 @@ def runner(capsys, monkeypatch):
     def run(*arguments):
         capsys.readouterr()
         monkeypatch.setattr(sys, "argv", ["desim-uav", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
+        handlers = {number: signal.getsignal(number) for number in USUAL}
+        try:
+            with pytest.raises(SystemExit) as end:
+                cli.main()
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
         return Ended(end.value.code or 0, *capsys.readouterr())
 
     return run

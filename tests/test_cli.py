@@ -18,6 +18,7 @@ from desim_uav.cli import app
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import command
+from desim_uav.experiment.interrupt import UNLESS_USED, asked_to_stop
 from tests.command_line import START, elsewhere, runner, with_plug_ins
 from tests.selection import by_default
 
@@ -73,6 +74,13 @@ class Terminated(InEpisode):
 class HungUp(InEpisode):
     def do(self):
         os.kill(os.getpid(), signal.SIGHUP)
+
+
+class Warned(InEpisode):
+    """As batch systems do it; which signal, the environment says."""
+
+    def do(self):
+        os.kill(os.getpid(), getattr(signal, os.environ["WARNING"]))
 
 
 class Killed(InEpisode):
@@ -232,7 +240,7 @@ class TestProgram:
             program, stdout=write_end, stderr=subprocess.PIPE, env=environment, check=False
         )
         os.close(write_end)
-        assert (done.returncode, done.stderr) == (1, b"")
+        assert (done.returncode, done.stderr) == (0, b"")
 
     @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
     def test_a_full_disk(self, somewhere):
@@ -650,6 +658,25 @@ class TestInterrupted:
         assert ended.code == 130
         assert "the finished episodes are kept" in ended.message
         assert runs() == ["case8-baseline-s0"]
+
+    @pytest.mark.parametrize("name", UNLESS_USED)
+    def test_the_signals_of_batch_systems(self, cli_run, name, monkeypatch):
+        monkeypatch.setenv("WARNING", name)
+        ended = cli_run("run", "tiny", "--policy", "plugged:Warned", "--episodes", 9, "--json")
+        assert (ended.code, ended.json["episodes"]) == (130, 3)
+
+    def test_a_program_keeps_its_own_use_of_them(self, monkeypatch):
+        heard = []
+        before = signal.signal(signal.SIGUSR1, lambda number, frame: heard.append(number))
+        try:
+            with asked_to_stop("this") as stop:
+                signal.raise_signal(signal.SIGUSR1)
+                assert not stop()
+                signal.raise_signal(signal.SIGUSR2)
+                assert stop()
+        finally:
+            signal.signal(signal.SIGUSR1, before)
+        assert heard == [signal.SIGUSR1]
 
     @pytest.mark.parametrize(
         "policy", by_default(["Terminated"], ["Interrupted", "Terminated", "HungUp"])

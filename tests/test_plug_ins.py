@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from desim_uav import cli
+from tests.command_line import runner
 
 FAULTY = """
 import sys
@@ -153,3 +154,76 @@ def test_a_fault_in_another_process(told):
     flags = ("--policies", "hover,faulty:Quits", "--seeds", 2, "--episodes", 1, "-j", 2)
     found, message = told("compare", "tiny", *flags)
     assert found == 1 and "SystemExit: 3" in message and "faulty.py:49" in message, message
+
+
+class TestOthersCode:
+    """A file names components; whoever reads it is told before their code runs, or refuses it."""
+
+    @pytest.fixture
+    def folder(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any):
+        """A folder of somebody's: a scenario and a module, which leaves a trace when it runs."""
+        (tmp_path / "theirs.py").write_text(
+            "from pathlib import Path\n"
+            "from desim_uav.rules.rewards import Coverage\n\n"
+            "Path('trace').touch()\n\n\n"
+            "class Paid(Coverage):\n    pass\n",
+            encoding="utf-8",
+        )
+        text = "name: x\nreward: {kind: 'theirs:Paid'}\n"
+        (tmp_path / "scenario.yaml").write_text(text, encoding="utf-8")
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "path", [*sys.path])
+        monkeypatch.delenv("PYTHONPATH", raising=False)
+        yield runner(capsys, monkeypatch)
+        sys.modules.pop("theirs", None)
+
+    def test_a_notice_says_so_once(self, folder: Any, tmp_path: Path):
+        ended = folder("validate", "scenario.yaml", "scenario.yaml")
+        assert ended.code == 0 and Path("trace").exists()
+        assert ended.err == (
+            f"desim-uav: 'theirs:Paid' is imported from {tmp_path}, which runs its code "
+            "(see --no-plugins)\n"
+        )
+
+    @pytest.mark.parametrize("how", ["project", "above", "PYTHONPATH"])
+    def test_not_where_the_user_works(self, how: str, folder: Any, tmp_path: Path, monkeypatch):
+        if how == "PYTHONPATH":
+            monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        else:
+            (tmp_path / "pyproject.toml").touch()
+        if how == "above":
+            inner = tmp_path / "inner"
+            inner.mkdir()
+            for name in ("theirs.py", "scenario.yaml"):
+                (tmp_path / name).rename(inner / name)
+            monkeypatch.chdir(inner)
+        ended = folder("validate", "scenario.yaml")
+        assert (ended.code, ended.err) == (0, "")
+
+    @pytest.mark.parametrize(
+        ("command", "code"),
+        [
+            (("validate", "scenario.yaml"), 3),
+            (("run", "scenario.yaml"), 3),
+            (("run", "tiny", "--policy", "theirs:Paid"), 4),
+            (("train", "scenario.yaml"), 3),
+            (("optimum", "scenario.yaml"), 3),
+            (("compare", "scenario.yaml", "--policies", "hover"), 3),
+            (("sweep", "scenario.yaml", "--policies", "hover", "--out", "s"), 3),
+            (("report", "kept"), 4),
+            (("replay", "kept"), 4),
+            (("plot", "battery", "kept"), 4),
+            (("video", "kept", "--gif", "f.gif"), 4),
+            (("bench", "run", "uav-v1/coverage/small", "--policy", "theirs:Paid"), 4),
+        ],
+        ids=lambda words: words[0] if isinstance(words, tuple) else "",
+    )
+    def test_refused(self, command: Any, code: int, folder: Any):
+        if "kept" in command:
+            folder("run", "scenario.yaml", "-S", "episode.steps=3", "--out", "kept", "-q")
+            Path("trace").unlink()
+            sys.modules.pop("theirs")
+        ended = folder(*command, "--no-plugins")
+        assert (ended.code, ended.out) == (code, ""), ended.err
+        assert "--no-plugins refuses" in ended.err and not Path("trace").exists()
+        assert "theirs" not in sys.modules

@@ -342,6 +342,17 @@ class TestLorenz:
         assert found == pytest.approx(apart / (2 * np.mean(shares)), abs=1e-12)
 
 
+def test_times_that_are_rounded_make_no_share_above_100_percent():
+    """A request that is open, and attached, for 4 µs: 1000.000007 - 1000.000003 is below 4e-6."""
+    requests = frame(
+        request(
+            1000.000003, 4e-6, (0, 1000.000003, 1000.000007), end_s=1000.000007, attached_s=4e-6
+        )
+    )
+    assert float(requests["t_end_s"].iloc[0] - requests["t_request_s"].iloc[0]) < 4e-6
+    assert qoe.summary(requests)["qoe3_active_percent"] == 100.0
+
+
 @settings(deadline=None)
 @given(
     st.lists(

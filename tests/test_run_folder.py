@@ -7,6 +7,7 @@ import shutil
 import threading
 from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import pandas as pd
 import pyarrow.parquet as pq
@@ -21,7 +22,7 @@ from desim_uav.experiment.command import read_summary, run_to_folder
 from desim_uav.experiment.provenance import PACKAGES
 from desim_uav.experiment.run import headline
 from desim_uav.records import EPISODES, REQUESTS, USERS, to_frame
-from desim_uav.run_folder import TABLES, Draft, Place, held, read_table, write_at
+from desim_uav.run_folder import TABLES, Draft, Place, held, read_table, write_at, write_whole
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
@@ -665,12 +666,40 @@ class TestHeld:
         def flock(file, how):
             locked.append(how)
             if len(locked) == 1:
-                Path(file.name).unlink()
+                Path(".mine.lock").unlink()
 
         monkeypatch.setattr(run_folder.fcntl, "flock", flock)
         with held(Path("mine")):
             assert Path(".mine.lock").read_text(encoding="utf-8").startswith("process ")
         assert len(locked) == 2
+
+    @pytest.mark.parametrize(
+        "kind", ["link", "dangling link", "hard link", "file", "pipe", "folder"]
+    )
+    def test_what_stands_in_the_place_of_the_lock_is_left_alone(self, kind):
+        """Whoever can write there could otherwise have any file of ours emptied."""
+        lock, file = Path(".mine.lock"), Path("dear")
+        file.write_text("all my results", encoding="utf-8")
+        make = {
+            "link": lambda: lock.symlink_to(file),
+            "dangling link": lambda: lock.symlink_to("nothing"),
+            "hard link": lambda: lock.hardlink_to(file),
+            "file": lambda: file.replace(lock),
+            "pipe": lambda: os.mkfifo(lock),
+            "folder": lock.mkdir,
+        }
+        make[kind]()
+        before = lock.lstat()
+        with pytest.raises(UsageError, match=r"mine cannot be locked with .*/\.mine\.lock: "):
+            held(Path("mine")).__enter__()
+        assert lock.lstat()[:8] == before[:8] and not Path("nothing").exists()
+        if kind in ("link", "hard link", "file"):
+            assert lock.read_text(encoding="utf-8") == "all my results"
+
+    def test_the_lock_of_a_process_that_was_killed_is_no_obstacle(self):
+        Path(".mine.lock").write_text("process 1, since yesterday", encoding="utf-8")
+        with held(Path("mine")):
+            assert str(os.getpid()) in Path(".mine.lock").read_text(encoding="utf-8")
 
     def test_a_file_system_without_locks(self, monkeypatch):
         def flock(file, how):
@@ -693,3 +722,19 @@ def test_a_folder_that_cannot_be_made_when_its_file_is_written():
     with pytest.raises(DesimError, match=r"cannot write new/file/more/x\.csv: "):
         write_at(Path("new/file/more/x.csv"), b"")
     assert [path.name for path in Path("new").iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("write", ["draft", "whole"])
+def test_no_link_is_followed_under_a_name_of_a_draft(write, monkeypatch, somewhere):
+    """Even if somebody knew the name before."""
+    monkeypatch.setattr(run_folder.uuid, "uuid4", lambda: SimpleNamespace(hex="known"))
+    Path("dear").write_text("all my results", encoding="utf-8")
+    if write == "draft":
+        with pytest.raises(DesimError, match="File exists"), Place(None, "x").draft() as draft:
+            (draft.path / "world.json").symlink_to(Path("dear").absolute())
+            draft.write_json("world.json", {})
+    else:
+        Path(".file-known").symlink_to("dear")
+        with pytest.raises(DesimError, match="File exists"):
+            write_whole(Path("file"), b"")
+    assert Path("dear").read_text(encoding="utf-8") == "all my results"

@@ -9,9 +9,10 @@ from scipy import stats
 
 from desim_uav.errors import ScenarioError
 from desim_uav.model.rules import Action
-from desim_uav.scenario.load import load
+from desim_uav.scenario.load import dump, from_mapping, load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.verification.engines import differences, engines
 from tests.verification.figure import check
 from tests.verification.placement import CUT, SIGMA_M, figures, offsets, scenario, world
 
@@ -339,3 +340,36 @@ class TestPhysics:
         assert drawn.capacity_us == 0
         assert drawn.bandwidth_hz == math.inf
         assert len(drawn.actions) == 5
+
+
+@pytest.mark.parametrize(
+    ("map_", "levels_m", "under_ceiling"),
+    [
+        ("{obstacles: null}", (20,), 1),
+        ("{obstacles: null, levels: {max_altitude_m: 79}}", (20, 40, 60), 3),
+        ("{obstacles: null, levels: {max_altitude_m: 80}}", (20, 40, 60, 80), 4),
+        ("{obstacles: {cells: [[0, 0, 50]]}}", (20, 40, 60), 2),
+        ("{obstacles: {cells: [[0, 0, 50]]}, levels: {max_altitude_m: 30}}", (20, 40, 60), 2),
+        ("{obstacles: {cells: [[0, 0, 50]]}, levels: {max_altitude_m: 60}}", (20, 40, 60), 3),
+    ],
+)
+def test_levels_up_to_an_altitude(map_, levels_m, under_ceiling):
+    """Levels are those up to the tallest building, or up to max_altitude_m if that is higher."""
+    levelled = loads(f"map: {map_}")
+    grid = build_world(levelled, 0).grid
+    assert grid.levels_m == levels_m
+    assert grid.levels_under_ceiling == under_ceiling
+    assert levelled.map.most_levels == len(levels_m)
+    assert loads(dump(levelled)) == levelled
+
+
+@pytest.mark.parametrize("motion", [{}, {"space": "free"}])
+def test_drones_climb_over_open_country(motion):
+    """Without buildings there was one level, and nothing led up."""
+    country = {"obstacles": None, "levels": {"max_altitude_m": 60}}
+    drones = {"count": 2, "motion": motion}
+    text = {"map": country, "drones": drones, "users": {"count": 6}, "episode": {"steps": 8}}
+    one, other = engines(build_world(from_mapping(text), 0), (True,) * 2)
+    assert differences(one, other, 3, 0) == []
+    heights_m = {leg.to_m[2] for leg in one.log.legs}
+    assert 20.0 < max(heights_m) <= 60.0

@@ -16,8 +16,9 @@ import numpy as np
 
 from desim_uav.api.invocation import command_line
 from desim_uav.errors import DesimWarning, UsageError
+from desim_uav.experiment.interrupt import at_once
 from desim_uav.policies.base import policy_name
-from desim_uav.scenario.checks import warn_of
+from desim_uav.scenario.doubts import warn_of
 from desim_uav.scenario.draft import blaming
 from desim_uav.scenario.load import Overrides, from_mapping, load, override_texts, to_plain
 from desim_uav.scenario.schema import Scenario
@@ -57,7 +58,7 @@ def opened(
     settings += override_texts({key: value for key, value in keys.items() if value is not None})
     if isinstance(scenario, str | Path):
         path = find_scenario(str(scenario))
-        loaded = load(path, settings)
+        loaded = at_once(load, path, settings)
         warn_of(loaded)
         return Opened(loaded, path, settings)
     if isinstance(scenario, Scenario):

@@ -191,7 +191,7 @@ class InFolder:
             for file in (self._folder / name for name in FILES):
                 verify(file)
                 if file.exists():
-                    _copy(file, draft.path / file.name)
+                    draft.write_bytes(file.name, _content(file))
             return place.publish(draft)
 
     @contextmanager
@@ -205,8 +205,8 @@ def default_place(run: Kept, out: Path | None) -> Place:
     return place_of(run.scenario, run.manifest["policy"], out)
 
 
-def _copy(file: Path, to: Path) -> None:
+def _content(file: Path) -> bytes:
     try:
-        to.write_bytes(file.read_bytes())
+        return file.read_bytes()
     except OSError as error:
         raise DesimError(f"cannot copy {file}: {error.strerror or error}") from error

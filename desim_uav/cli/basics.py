@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from desim_uav.cli.options import Json, Override, complete_scenarios
+from desim_uav.notices import tell
 
 
 def scenarios(
@@ -30,7 +31,7 @@ def scenarios(
         return
     width = max(map(len, names))
     for name, about in found:
-        print(f"{name:{width}s} {about}")
+        tell(f"{name:{width}s} {about}")
 
 
 def validate(
@@ -44,9 +45,14 @@ def validate(
     ],
     overrides: Override = None,
 ) -> None:
-    """Check scenario files: print every error of each, and see that their worlds can be drawn."""
+    """Check scenario files: print every error of each, and see that their worlds can be drawn.
+
+    Components that a file names as module:Class are imported from the working folder, which runs
+    their code; --no-plugins refuses them.
+    """
     from desim_uav.errors import ScenarioError
-    from desim_uav.scenario.checks import warn_of
+    from desim_uav.experiment.interrupt import at_once
+    from desim_uav.scenario.doubts import recordings, warn_of
     from desim_uav.scenario.draft import blaming
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
@@ -56,11 +62,13 @@ def validate(
     for file in files:
         try:
             path = find_scenario(file)
-            scenario = load(path, overrides or [])
+            scenario = at_once(load, path, overrides or [])
             with blaming(path, overrides or []):
-                build_world(scenario, scenario.effective_world_seed)
+                at_once(build_world, scenario, scenario.effective_world_seed)
             warn_of(scenario)
-            print(f"{file}: valid")
+            tell(f"{file}: valid")
+            for recording in recordings(scenario):
+                tell(f"{file}: {recording}")
         except ScenarioError as error:
             problems += error.problems
     if problems:

@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from desim_uav.cli import options
-from desim_uav.cli.ending import complain, end_politely
-from desim_uav.cli.plain import Command, Group
+from desim_uav.cli.ending import complain
+from desim_uav.cli.plain import Command, Group, careful
+from desim_uav.notices import tell
 
 app = typer.Typer(
     help="Compare policies on frozen tasks: list them, make and verify submissions, rank them.",
@@ -48,14 +49,14 @@ def list_tasks(as_json: options.Json = False) -> None:
         print(json.dumps(found, indent=1))
         return
     for task in found["tasks"]:
-        print(f"{task['task']:30s} {task['scenario_hash'][:12]}  {task['about']}")
+        tell(f"{task['task']:30s} {task['scenario_hash'][:12]}  {task['about']}")
     rules = found["protocol"]
-    print()
+    tell()
     for name, track in rules["tracks"].items():
         seeds = track["seeds"]
-        print(f"track {name}: {track['about']}; seeds {seeds[0]} to {seeds[-1]}")
+        tell(f"track {name}: {track['about']}; seeds {seeds[0]} to {seeds[-1]}")
     budgets = ", ".join(f"{size} {steps:,}" for size, steps in rules["training_steps"].items())
-    print(
+    tell(
         f"per seed: {rules['episodes']} episodes after {rules['warmup']} of warm-up\n"
         f"training: {rules['training_seeds']} seeds, at most so many steps each: {budgets}"
     )
@@ -129,7 +130,6 @@ def run(
     """Evaluate a policy by the protocol, and write a submission that can be replayed."""
     import desim_uav as du
 
-    end_politely()
     interrupted = None
     try:
         done = du.bench_run(
@@ -154,7 +154,7 @@ def run(
         from desim_uav.report.text import print_bench
 
         print_bench(done.content())
-        print(done.folder)
+        tell(done.folder)
     if interrupted is not None:
         complain(interrupted)
         raise typer.Exit(130)
@@ -179,7 +179,6 @@ def verify(
     """Replay a submission bit for bit, and name every difference."""
     import desim_uav as du
 
-    end_politely()
     try:
         said = du.bench_verify(folder, decide=decide, jobs=jobs, progress=not quiet)
     except KeyboardInterrupt:
@@ -189,7 +188,7 @@ def verify(
         content = {"folder": str(folder), "verified": not said, "differences": said}
         print(json.dumps(content, indent=1))
     elif not said:
-        print(f"{folder}: all runs replayed, bit for bit the same")
+        tell(f"{folder}: all runs replayed, bit for bit the same")
     if said:
         complain("\n".join(f"{folder}: {line}" for line in said))
         raise typer.Exit(6)
@@ -234,9 +233,9 @@ def board(
         print(found.markdown(), end="")
     for file in (out, figure):
         if file is not None and not as_json:
-            print(file)
+            tell(file)
 
 
 app.command("list", cls=Command)(list_tasks)
-for command in (run, verify, board):
+for command in (careful(run), careful(verify), board):
     app.command(cls=Command)(command)

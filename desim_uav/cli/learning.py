@@ -24,6 +24,7 @@ from desim_uav.cli.options import (
     within,
 )
 from desim_uav.errors import UsageError
+from desim_uav.notices import tell
 
 
 def train(
@@ -252,7 +253,7 @@ def reproduce(
     if not quiet:
         print_paper_table(HEADINGS, [cells(line) for line in found.table])
         print_claims([(c.text, c.found, c.holds) for c in found.claims])
-        print(out / "table.md")
+        tell(out / "table.md")
     if check and found.failed:
         complain("\n".join(f"gate: {claim.text}: {claim.found}" for claim in found.failed))
         raise typer.Exit(6)

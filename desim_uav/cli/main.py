@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from typing import Annotated, Any, NoReturn
 
@@ -14,9 +15,11 @@ from desim_uav import __version__
 from desim_uav.api.invocation import begun_by
 from desim_uav.cli import basics, bench, gallery, learning, pictures, runs
 from desim_uav.cli.ending import complain
-from desim_uav.cli.plain import Command, Group
+from desim_uav.cli.plain import Command, Group, careful
 from desim_uav.errors import DesimError, UsageError
-from desim_uav.experiment.interrupt import leave
+from desim_uav.experiment.interrupt import INTERRUPTED, end_politely, leave
+from desim_uav.notices import drop, replace_lacking
+from desim_uav.plug_ins import ADMISSION
 
 app = typer.Typer(
     help="Exact discrete-event simulation of UAV-enabled wireless networks.",
@@ -28,19 +31,19 @@ app = typer.Typer(
 
 COMMANDS: list[Callable[..., None]] = [
     basics.scenarios,
-    basics.validate,
+    careful(basics.validate),
     basics.schema,
-    runs.run,
-    learning.train,
-    learning.optimum,
+    careful(runs.run),
+    careful(learning.train),
+    careful(learning.optimum),
     learning.reproduce,
-    runs.qoe,
-    runs.compare,
-    runs.sweep,
-    pictures.replay,
-    pictures.report,
-    pictures.plot,
-    pictures.video,
+    careful(runs.qoe),
+    careful(runs.compare),
+    careful(runs.sweep),
+    careful(pictures.replay),
+    careful(pictures.report),
+    careful(pictures.plot),
+    careful(pictures.video),
     gallery.gallery,
     basics.doctor,
 ]
@@ -49,32 +52,35 @@ COMMANDS: list[Callable[..., None]] = [
 
 def main() -> NoReturn:
     """Run the command line; after an interruption, end the process without freeing its memory."""
-    try:
-        _main()
-    except SystemExit as end:
-        leave(end.code if isinstance(end.code, int) else 1)
-        raise
+    replace_lacking()
+    code = INTERRUPTED
+    with suppress(KeyboardInterrupt):  # a further Ctrl-C, while the first one is being handled
+        try:
+            _main()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 1
+        code = _flushed(code)
+    leave(code)
+    sys.exit(code)
 
 
 def _main() -> NoReturn:
     """Run the command line; every error a user can mend is one message and an exit code."""
     sys.path.append("")  # the working folder, where users keep their "module:Class" components
     try:
-        try:
-            _program()(prog_name="desim-uav")
-        finally:
-            print(end="", flush=True)
+        _program()(prog_name="desim-uav")
     except DesimError as error:
         if error.__cause__ is not None and os.environ.get("DESIM_UAV_TRACEBACK"):
             raise
         complain(str(error))
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:  # whoever read the output has seen enough
+        drop(sys.stdout)
     except OSError as error:
-        if not isinstance(error, BrokenPipeError):
-            complain(str(error))
-        _drop_output()
+        complain(str(error))
+        drop(sys.stdout)
         sys.exit(1)
     except Exception as error:
         if os.environ.get("DESIM_UAV_TRACEBACK"):
@@ -95,6 +101,8 @@ def _root(
     if version:
         print(f"desim-uav {__version__}")
         raise typer.Exit
+    end_politely()
+    ADMISSION.begin(refuses=False)
     context.with_resource(begun_by(["desim-uav", *sys.argv[1:]], complain))
     if context.invoked_subcommand != "doctor":
         _check_environment()
@@ -117,9 +125,17 @@ def _program() -> Any:
     return typer.main.get_command(app)
 
 
-def _drop_output() -> None:
-    """Nobody takes what is still to be printed: send it nowhere, or Python complains at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _flushed(code: int) -> int:
+    """Print what is still to be printed; return the exit code, which tells if that fails."""
+    try:
+        print(end="", flush=True)
+    except BrokenPipeError:
+        drop(sys.stdout)
+    except OSError as error:
+        complain(str(error))
+        drop(sys.stdout)  # or Python complains at its end
+        return code or 1
+    return code
 
 
 for command in COMMANDS:

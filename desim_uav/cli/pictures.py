@@ -10,6 +10,7 @@ import typer
 
 from desim_uav.cli.ending import complain
 from desim_uav.cli.options import Json, NoProgress, RunDir, between, within
+from desim_uav.notices import tell
 
 
 def replay(
@@ -57,7 +58,7 @@ def replay(
     if as_json:
         print(json.dumps(done.summary(), indent=1))
     else:
-        print(done.file)
+        tell(done.file)
     if open_it:
         import webbrowser
 
@@ -96,7 +97,7 @@ def report(
     """
     from desim_uav.experiment.report import report as write_report
 
-    print(write_report(runs, out, title, against))
+    tell(write_report(runs, out, title, against))
 
 
 def plot(
@@ -213,7 +214,7 @@ def plot(
     asked: dict[str, Any] = {"episode": episode, "minute": minute, "drone": drone, "window": window}
     asked |= {"battery_min": battery_min, "level": level, "at": at, "against": against}
     asked |= {"measure": measure or None, "key": key or None}
-    print(write_figure(kind, runs or [], out, asked))
+    tell(write_figure(kind, runs or [], out, asked))
 
 
 def video(
@@ -267,4 +268,4 @@ def video(
         show_progress=not quiet,
     )
     for place in made:
-        print(place)
+        tell(place)

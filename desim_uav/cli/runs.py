@@ -9,9 +9,10 @@ from typing import Annotated, Any
 import typer
 
 from desim_uav.cli import options
-from desim_uav.cli.ending import complain, end_politely
+from desim_uav.cli.ending import complain
 from desim_uav.cli.fork import run_forked
 from desim_uav.errors import UsageError
+from desim_uav.notices import tell
 
 
 def run(
@@ -80,7 +81,6 @@ def run(
     """
     import desim_uav as du
 
-    end_politely()
     if fork is not None or to is not None:
         how: dict[str, Any] = {
             "seed": seed,
@@ -231,7 +231,6 @@ def compare(
         _refuse_how_to_run(context)
         found = du.compare_runs(what, against=against, out=out)
     else:
-        end_politely()
         try:
             found = du.compare(
                 the_scenario(what),
@@ -373,7 +372,6 @@ def sweep(
     import desim_uav as du
     from desim_uav.experiment.sweep.run import BACKENDS
 
-    end_politely()
     interrupted = False
     try:
         done = du.sweep(
@@ -405,7 +403,7 @@ def sweep(
         from desim_uav.report.text import print_sweep
 
         print_sweep(done.headings(), done.lines())
-        print(out / "results")
+        tell(out / "results")
     if done.failures:
         complain(done.complaint())
     if interrupted:

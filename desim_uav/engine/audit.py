@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.engine.audit_instants import audit_instant
 from desim_uav.engine.audit_sight import possible_levels_dbm
 from desim_uav.model.coverage import all_walked
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
@@ -35,10 +36,12 @@ def audit(simulation: Simulation) -> None:
         _bandwidth(world, state, sender)
     _demand(state)
     _stations(world, state)
+    _energy(simulation)
     if simulation.log.duration_us == 0:
         for user in state.users:
             _one_state(state, user)
         _geometry(simulation)
+    audit_instant(simulation)
 
 
 def _battery(world: Any, state: Any, drone: Any) -> None:
@@ -56,6 +59,18 @@ def _battery(world: Any, state: Any, drone: Any) -> None:
             assert held_us == 0, f"battery of crashed drone {drone.index}"
 
 
+def _energy(simulation: Simulation) -> None:
+    """Check the sums of energy for the log: the microjoules that batteries have lost so far.
+
+    Drones whose batteries are measured otherwise, in time, have no part in them.
+    """
+    drones = simulation.drones
+    in_joules = [one for one in drones if simulation.world.type_of(one.index).in_joules]
+    lost = sum(one.began - one.battery_us + one.counted for one in in_joules)
+    used, gained = simulation.energy_uj()
+    assert used - gained == lost, "energy of all drones together"
+
+
 def _bandwidth(world: Any, state: Any, drone: Any) -> None:
     """Check that the bandwidth in use adds up and fits, and that only flying drones serve."""
     served = [
@@ -68,7 +83,8 @@ def _bandwidth(world: Any, state: Any, drone: Any) -> None:
     assert used_hz == drone.used_hz, f"bandwidth of {drone.index}"
     bandwidth_hz = world.radios[drone.radio].bandwidth_hz
     if bandwidth_hz >= 0:
-        assert drone.free_hz == bandwidth_hz - held_hz >= 0, f"bandwidth of {drone.index}"
+        assert drone.free_hz == bandwidth_hz - held_hz, f"bandwidth of {drone.index}"
+        assert drone.scan or drone.free_hz >= 0, f"bandwidth of {drone.index}"
         assert drone.scan or used_hz <= bandwidth_hz, f"shares of {drone.index}"
     assert [sum(r.service == s for r in served) for s in range(world.services)] == drone.served
     if drone.mode != FLYING:

@@ -110,9 +110,9 @@ class EpisodeLog:
     integral of the number of attached users over time, and ``bandwidth_us_hz`` that of the
     bandwidth in use. ``queueing_us`` is the drones' time between landing and charging. ``crashed``
     lists the drone of each crash, and ``suppressed`` counts the arrivals that were dropped.
-    ``links`` is None if the drones' radio is the paper's disc. If batteries are in microjoules, the
-    drones ``used`` and ``gained`` (by charging) so many together. ``apart`` is None unless drones
-    have to keep a distance.
+    ``links`` is None if the drones' radio is the paper's disc. The drones whose batteries are in
+    microjoules ``used`` and ``gained`` (by charging) so many together. ``apart`` is None unless
+    drones have to keep a distance.
     """
 
     episode: int
@@ -223,6 +223,10 @@ MEASURES = ("sim_time_s", *Measures._fields)
 COUNTS = ("attached_users", "crashes", "requests", "elapsed_steps", "forced")
 """The names of the counts of an episode under way: users attached now, crashes, requests, the steps
 since the last free decision, and whether there is no choice now."""
+
+OF_STEP = ("duration_steps", "discount")
+"""The names of what is told of the step that ends now: how long it has lasted, in steps of the
+scenario, and the discount of what follows it (see ``model.decisions.discount_of``)."""
 
 OWN_COUNTS = ("attached_users", "crashes", "elapsed_steps", "forced")
 """The names of those counts that each drone has of its own."""

@@ -38,6 +38,7 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants = blank(Constants)
     constants.steps = scenario.episode.steps
     constants.step_us, constants.horizon_us = world.step_us, world.horizon_us
+    constants.gamma = scenario.learning.gamma
     constants.by_event, constants.patience_us = int(world.by_event), world.patience_us
     constants.limited = int(scenario.limited_battery)
     constants.types = Table(_type(world, number) for number in range(len(world.types)))

@@ -21,7 +21,7 @@ from desim_uav.model.planner import Node
 from desim_uav.model.rows import Queue
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observation_of, snapshot_of
-from desim_uav.rules import requests
+from desim_uav.rules import requests, wide
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
 from desim_uav.rules.rows import Closed
@@ -397,13 +397,11 @@ class Engine(Restorable):
         log, state = self.log, self.state
         log.duration_us = int(state.now_us)
         log.attached_us = int(state.attached_us)
-        log.bandwidth_us_hz = int(state.bandwidth_us_hz)
+        log.bandwidth_us_hz = wide.value_of(state.bandwidth_us_hz)
         log.queueing_us = int(state.queueing_us)
         log.distance_m = float(state.distance_m)
         log.charges = int(state.charges)
-        if self.world.in_joules:
-            log.used = sum(int(drone.used) for drone in self.drones)
-            log.gained = sum(int(drone.gained) for drone in self.drones)
+        log.used, log.gained = self.energy_uj()
         log.suppressed = int(state.suppressed)
         if state.keeps_links:
             counts = (state.handed_over, state.ping_pongs, state.outages, state.outage_us)
@@ -415,6 +413,15 @@ class Engine(Restorable):
         log.legs.sort(key=itemgetter(0, 1))
         if log.events is not None:
             log.events.sort(key=itemgetter(0, 1, 3, 4))
+
+    def energy_uj(self) -> tuple[int, int]:
+        """Return what all drones have used and gained in the episode, as far as it is counted.
+
+        These are microjoules, of the drones whose batteries are measured in them.
+        """
+        in_joules = [one for one in self.drones if self.world.type_of(one.index).in_joules]
+        used = sum(int(drone.used) for drone in in_joules)
+        return used, sum(int(drone.gained) for drone in in_joules)
 
     # ---- measures and positions at any decision epoch
 

@@ -39,16 +39,10 @@ OF_ONE_ENGINE = {
 """The fields that a saved state leaves out: what the last step has added to the log, what an engine
 derives from other fields, and the numbers of hops, which each engine chooses."""
 
-NOT_TOLD = {
-    *("history", "doing", "came_us", "marked_us", "landed_in", "held_since_us"),
-    *("since_us", "until_us"),
-    *("rival", "turns_us", "needs_hz", "rate", "used_hz", "counted_us", "fallen_x_m", "fallen_y_m"),
-    *("command", "taken", "terms", "rewards"),
-    *("used", "gained", "counted"),
-    *("course", "off_grid", "away_m", "flown"),
-}
-"""The fields that may hold what an earlier episode has left there, until they are next needed; and
-what a battery used and gained as far as it is counted, which depends on what is recorded."""
+NOT_TOLD = {"history", "used", "gained", "counted", "course"}
+"""The fields that a digest leaves out: the commands, of which it has those that were given; what a
+battery used and gained as far as it is counted, which depends on what is recorded; and the courses
+of drones, which also hold memory, so that it has only their ends."""
 
 PLACES = 6
 """How many of the first fields of a ``Course`` say where its leg begins and ends."""

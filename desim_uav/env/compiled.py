@@ -23,9 +23,8 @@ from desim_uav.sample_path import SamplePath, draw
 from desim_uav.spaces import features
 from desim_uav.world import World
 
-MEASURED = len(MEASURES)
-COUNTED = MEASURED + len(COUNTS)
-"""Where the MEASURES and the COUNTS end in a row of ``Outputs.numbers``."""
+MEASURED, COUNTED, NUMBERS = len(MEASURES), calls.COUNTED, calls.NUMBERS
+"""Where the MEASURES, the COUNTS and OF_STEP end in a row of ``Outputs.numbers``."""
 
 OWN_COUNTED = len(OWN_COUNTS)
 """Where the OWN_COUNTS end in the row of a drone in ``Outputs.own``."""
@@ -40,10 +39,11 @@ class Outputs(NamedTuple):
     """The outputs of n environments at their present epochs, in arrays with a row for each.
 
     ``observations`` (n, drones * features); ``masks`` int8 (n, drones * actions); ``rewards``
-    (n, 1), means over the drones; ``numbers``, the MEASURES, the COUNTS and the mean terms of the
-    reward; ``over`` bool (n, 3): terminated, truncated, stopped by a fault. ``paid`` (n, drones)
-    are the rewards of the drones, and ``own`` (n, drones * (OWN_COUNTED + terms)) their OWN_COUNTS
-    and terms. ``addresses`` (n, ADDRESSES) tells kernels where the environments and these rows are.
+    (n, 1), means over the drones; ``numbers``, the MEASURES, the COUNTS, OF_STEP and the mean
+    terms of the reward; ``over`` bool (n, 3): terminated, truncated, stopped by a fault. ``paid``
+    (n, drones) are the rewards of the drones, and ``own`` (n, drones * (OWN_COUNTED + terms)) their
+    OWN_COUNTS and terms. ``addresses`` (n, ADDRESSES) tells kernels where the environments and
+    these rows are.
     """
 
     observations: NDArray[np.float64]
@@ -64,7 +64,7 @@ class Outputs(NamedTuple):
             np.zeros((count, drones * len(features(world)))),
             np.zeros((count, drones * len(world.actions)), np.int8),
             np.zeros((count, 1)),
-            np.zeros((count, COUNTED + terms)),
+            np.zeros((count, NUMBERS + terms)),
             np.zeros((count, 3), np.bool_),
             np.zeros((count, drones)),
             np.zeros((count, drones * (OWN_COUNTED + terms))),
@@ -204,8 +204,8 @@ class CompiledSession(Session):
     def info(self) -> dict[str, Any]:
         """Return the info (see ``Session.info``), from the numbers that a kernel has written."""
         row = self._row.numbers.tolist()
-        measures, counts, terms = row[:MEASURED], row[MEASURED:COUNTED], row[COUNTED:]
-        values = (*measures, *self.seeds(), *as_counts(COUNTS, counts, self.world), *terms)
+        measures, counts, others = row[:MEASURED], row[MEASURED:COUNTED], row[COUNTED:]
+        values = (*measures, *self.seeds(), *as_counts(COUNTS, counts, self.world), *others)
         info: dict[str, Any] = dict(zip(self.keys, values, strict=True))
         info["action_mask"] = self.mask()
         return info
@@ -217,7 +217,7 @@ class CompiledSession(Session):
         for own in self._row.own.reshape(self.drones, -1).tolist():
             users, crashes, *times = as_counts(OWN_COUNTS, own[:OWN_COUNTED], self.world)
             counts = users, crashes, requests, *times
-            values = (*measures, *seeds, *counts, *own[OWN_COUNTED:])
+            values = (*measures, *seeds, *counts, *row[COUNTED:NUMBERS], *own[OWN_COUNTED:])
             infos.append(dict(zip(self.keys, values, strict=True)))
         return infos
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import operator
+import os
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
 from itertools import pairwise
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 from gymnasium import error
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from desim_uav.copies import Independent
 from desim_uav.engine.compiled import calls
 from desim_uav.engine.compiled.paths import blocks_of
+from desim_uav.env.alone import OneThread
 from desim_uav.env.compiled import CompiledSession, Outputs
 from desim_uav.env.free import aims_of
 from desim_uav.env.render import Screen
@@ -89,11 +92,17 @@ class Many(VectorSaving, Independent):
             session.write_to(self.outputs, k)
         self._seeds = np.array([session.seeds() for session in self.sessions])
         self._shares = shares_of(self.num_envs, self.threads)
+        self.guard = OneThread()
+        self.start_threads()
+        _with_threads.add(self)
+
+    def start_threads(self) -> None:
+        """Make threads, which a child process that was forked from this one lacks."""
         self._pool = ThreadPoolExecutor(max(1, self.threads - 1))
 
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except arrays and threads, which a copy makes again."""
-        own = ("outputs", "_seeds", "_shares", "_pool")
+        own = ("outputs", "_seeds", "_shares", "_pool", "guard")
         return {key: part for key, part in vars(self).items() if key not in own}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
@@ -244,6 +253,19 @@ class Many(VectorSaving, Independent):
     def frames(self) -> tuple[NDArray[np.uint8], ...]:
         """Return the frame of each environment, (height, width, 3)."""
         return tuple(screen.frame() for screen in self.screens)
+
+
+_with_threads: WeakSet[Many] = WeakSet()
+"""All vector environments of this process."""
+
+
+def _start_threads() -> None:
+    for environments in list(_with_threads):
+        environments.start_threads()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_start_threads)
 
 
 def shares_of(count: int, threads: int) -> list[slice]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from desim_uav.copies import Independent
+from desim_uav.env.alone import alone
 from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.free import each_own, of_all
@@ -107,6 +108,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         """Return the action space of an agent, always the same object."""
         return self.action_spaces[agent]
 
+    @alone
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Parts], Infos]:
@@ -124,6 +126,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         self.screen.refresh()
         return self._observations_and_infos()
 
+    @alone
     def step(
         self, actions: Mapping[str, int]
     ) -> tuple[dict[str, Parts], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
@@ -172,6 +175,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
                         f"{agent}: actions must be from 0 to {space.n - 1}, not {action}"
                     )
 
+    @alone
     def state(self) -> NDArray[np.float32]:
         """Return the whole state, for learners that train centrally (see ``rules.whole_state``)."""
         return self.session.state()
@@ -180,6 +184,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         """Return the masks of all drones, one after the other: bool (drones * actions,)."""
         return self.session.action_masks()
 
+    @alone
     def render(self) -> NDArray[np.uint8] | None:
         """Return the present frame, uint8 (height, width, 3), or None if a window shows it."""
         return self.screen.render()

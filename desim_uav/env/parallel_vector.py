@@ -13,7 +13,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, OWN_COUNTS
-from desim_uav.env.compiled import COUNTED, MEASURED, OWN_COUNTED, as_counts, states_of
+from desim_uav.env.alone import alone
+from desim_uav.env.compiled import COUNTED, MEASURED, NUMBERS, OWN_COUNTED, as_counts, states_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Flags, Many, Seed
 from desim_uav.env.session import real_numbers, whole_numbers
@@ -98,6 +99,7 @@ class UavParallelVectorEnv(Many):
         own = ("_written", "_masks", "_own", "_shown", "_paid", "_ends")
         return {key: part for key, part in super().__getstate__().items() if key not in own}
 
+    @alone
     def reset(
         self, *, seed: Seed = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
@@ -112,6 +114,7 @@ class UavParallelVectorEnv(Many):
     def _present(self, which: Flags) -> tuple[NDArray[Any], dict[str, Any]]:
         return self._observations(), self.infos()
 
+    @alone
     def step(self, actions: NDArray[Any]) -> Told:
         """Take the actions (num_envs, drones), whole numbers, one for each drone.
 
@@ -163,10 +166,12 @@ class UavParallelVectorEnv(Many):
         columns: dict[str, Any] = dict(zip(COUNTS, whole, strict=True))
         columns |= zip(OWN_COUNTS, as_counts(OWN_COUNTS, own[:OWN_COUNTED], world), strict=True)
         values = (*numbers[:MEASURED].copy(), *seeds.copy(), *columns.values())
-        infos = dict(zip(self.sessions[0].keys, (*values, *own[OWN_COUNTED:].copy()), strict=True))
+        others = (*numbers[COUNTED:NUMBERS].copy(), *own[OWN_COUNTED:].copy())
+        infos = dict(zip(self.sessions[0].keys, (*values, *others), strict=True))
         infos["action_mask"] = self._masks.copy() if self.copy else self._masks
         return infos
 
+    @alone
     def state(self) -> NDArray[np.float32]:
         """Return the whole state of each environment, float32 (num_envs, numbers), a new array.
 
@@ -186,6 +191,7 @@ class UavParallelVectorEnv(Many):
         """Return the masks, bool (num_envs, drones, actions), in a new array."""
         return self._masks.astype(np.bool_)
 
+    @alone
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the frame of each environment, (height, width, 3), or None without render mode."""
         if self.render_mode is None:

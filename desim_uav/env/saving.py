@@ -12,6 +12,7 @@ from typing import Any, Self
 from desim_uav.copies import Unchanging
 from desim_uav.engine.saved import SavedState
 from desim_uav.env import state_file
+from desim_uav.env.alone import OneThread, alone
 from desim_uav.env.session import Session
 from desim_uav.errors import StateError
 from desim_uav.scenario.load import scenario_hash, seedless
@@ -56,10 +57,16 @@ class Saving:
 
     session: Session
 
+    @property
+    def guard(self) -> OneThread:
+        """What refuses a second thread."""
+        return self.session.guard
+
     def _shown(self) -> Any:
         """Return what a reset returns, for the present decision epoch."""
         raise NotImplementedError
 
+    @alone
     def save(self) -> EnvState:
         """Return the state at the present decision epoch, or at the end of the episode.
 
@@ -67,6 +74,7 @@ class Saving:
         """
         return save(self.session)
 
+    @alone
     def restore(self, state: EnvState | str | PathLike[str]) -> Any:
         """Go on from a saved state, or from the file of one; return what ``reset`` returns.
 
@@ -77,6 +85,7 @@ class Saving:
         resume(self.session, state)
         return self._shown()
 
+    @alone
     def fork(self, count: int) -> list[Self]:
         """Return this many independent environments in the state of this one."""
         return [deepcopy(self) for _ in range(count)]

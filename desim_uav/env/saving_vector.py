@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import error
 from numpy.typing import NDArray
 
+from desim_uav.env.alone import OneThread, alone
 from desim_uav.env.compiled import CompiledSession
 from desim_uav.env.render import Screen
 from desim_uav.env.saving import EnvState, assign, resume, save
@@ -22,6 +23,7 @@ class VectorSaving:
     num_envs: int
     sessions: list[CompiledSession]
     threads: int
+    guard: OneThread
     render_mode: str | None
     _seeds: NDArray[np.int64]
 
@@ -33,6 +35,7 @@ class VectorSaving:
         """Set the spaces of ``num_envs`` environments."""
         raise NotImplementedError
 
+    @alone
     def save(self, k: int = 0) -> EnvState:
         """Return the state of environment k at its present decision epoch.
 
@@ -40,6 +43,7 @@ class VectorSaving:
         """
         return save(self.sessions[k])
 
+    @alone
     def restore(
         self, state: EnvState | str | PathLike[str], which: int | Sequence[int] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
@@ -52,6 +56,7 @@ class VectorSaving:
         resume(self.sessions[chosen[0]], state)
         return self.assign(chosen[0], chosen)
 
+    @alone
     def assign(
         self, k: int, which: int | Sequence[int] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
@@ -66,6 +71,7 @@ class VectorSaving:
         self._seeds[chosen] = self.sessions[k].seeds()
         return self._present(_mask(chosen, self.num_envs))
 
+    @alone
     def fork(self, count: int, k: int = 0) -> Self:
         """Return a new vector environment of this many environments in the state of environment k.
 

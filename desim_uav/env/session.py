@@ -14,11 +14,13 @@ from gymnasium import error
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
-from desim_uav.engine.base import COUNTS, MEASURES, RunSettings
+from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP, RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
+from desim_uav.env.alone import OneThread
 from desim_uav.env.tasks import Tasks
+from desim_uav.model.decisions import discount_of
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
 from desim_uav.model.sums import in_order
@@ -57,7 +59,7 @@ class Session(Independent):
         are drawn at once, which is faster than one by one but takes more memory. Raises
         ScenarioError if the engine cannot run the scenario.
         """
-        self.tasks = tasks
+        self.tasks, self.guard = tasks, OneThread()
         self.scenario = scenario = tasks.stages[0][1]
         self.drones = scenario.drone_count
         self.shape: tuple[int, ...] = () if self.drones == 1 else (self.drones,)
@@ -289,6 +291,9 @@ class Session(Independent):
         info["qoe2_iterations"] = qoe2 or 0.0
         info["qoe3_percent"] = qoe3 or 0.0
         info["requests"] = self.engine.requests_made()
+        steps = self.engine.state.share if self._snapshot.step > 0 else 0.0
+        info["duration_steps"] = steps
+        info["discount"] = discount_of(self.scenario.learning.gamma, steps)
         return info
 
     def info(self) -> dict[str, Any]:
@@ -296,7 +301,9 @@ class Session(Independent):
 
         The terms of the reward are means over the drones, and counts are over all of them. If at
         least one drone has a choice, ``forced`` is 0, and ``elapsed_steps`` counts the steps since
-        the last earlier decision epoch at which it was 0 (see ``rules.rows.Observation``). A
+        the last earlier decision epoch at which it was 0 (see ``rules.rows.Observation``).
+        ``duration_steps`` is the time that the last step lasted, in steps, and ``discount`` the
+        scenario's ``learning.gamma`` to this power; they are 0 and 1 before the first step. A
         measure that does not exist yet is 0: QoE1 and QoE2, which are means over requests, while
         ``requests`` is 0, and QoE3, a mean over time, while ``sim_time_s`` is 0. No key is
         "episode", which Gymnasium and stable-baselines3 keep for their statistics.
@@ -338,7 +345,7 @@ class Session(Independent):
 @cache
 def info_keys(terms: tuple[str, ...]) -> tuple[str, ...]:
     """Return the keys of an info in their order; ``terms`` are those of the reward."""
-    return *MEASURES, *SEEDS, *COUNTS, *(f"reward_{name}" for name in terms)
+    return *MEASURES, *SEEDS, *COUNTS, *OF_STEP, *(f"reward_{name}" for name in terms)
 
 
 def _checked(seed: int) -> int:

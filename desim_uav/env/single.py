@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
+from desim_uav.env.alone import alone
 from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
@@ -75,6 +76,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         self.observation_space = observation_space(features(world) * self.drones)
         self.action_space = action_space_of(world)
 
+    @alone
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
@@ -91,6 +93,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         self.screen.refresh()
         return self.session.observation(), self.session.info()
 
+    @alone
     def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Take one action per drone, (drones,), and run to the next decision epoch.
 
@@ -105,6 +108,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         """Return the masks of all drones, one after the other: bool (drones * actions,)."""
         return self.session.action_masks()
 
+    @alone
     def render(self) -> NDArray[np.uint8] | None:
         """Return the present frame, uint8 (height, width, 3), or None if a window shows it."""
         return self.screen.render()

@@ -3,12 +3,14 @@
 A drone that returns, queues, charges or has crashed has one allowed action: its step is *forced*
 (info ``forced``), and so is that of a drone that is asked later, if decisions are by event. Rewards
 r1, r2, … of the steps from a free decision to the next one are one reward, r1 + gamma r2 + gamma²
-r3 + …; what follows the next decision is to be discounted by gamma to the power of the info
-``elapsed_steps`` there. By event, epochs are not whole steps apart, and neither are the exponents.
+r3 + … by clock; by event, each exponent is the time that has passed, in steps. The infos
+``duration_steps`` and ``discount`` are then those of the whole way: what follows the next decision
+is to be discounted by ``discount``, which is gamma to the power of ``duration_steps``.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -18,6 +20,7 @@ from gymnasium.spaces import Box
 from pettingzoo.utils import BaseParallelWrapper  # type: ignore[import-untyped]
 
 from desim_uav.copies import Independent
+from desim_uav.model.decisions import discount_of
 
 
 class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -25,8 +28,9 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     A step runs to the next epoch at which at least one drone has a choice, or to the end of the
     episode. Its reward is the sum of the rewards on the way, discounted by ``gamma`` for each step.
-    The info is that of the last step. A reset skips nothing: if drones carry over, the first step
-    of an episode may be a forced one.
+    The info is that of the last step, but for ``duration_steps`` and ``discount``, which are those
+    of the whole way, with this ``gamma``. A reset skips nothing: if drones carry over, the first
+    step of an episode may be a forced one.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], gamma: float = 1.0) -> None:
@@ -37,14 +41,13 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take an action, and then the only allowed ones until there is a choice."""
-        gained, discount, passed = 0.0, 1.0, 0.0
+        gained, way = 0.0, Way()
         while True:
             seen, reward, terminated, truncated, info = self.env.step(action)
-            gained += discount * float(reward)
+            gained += way.discount * float(reward)
+            way.go_on(self.gamma, info)
             if terminated or truncated or not info["forced"]:
-                return seen, gained, terminated, truncated, info
-            discount *= self.gamma ** (info["elapsed_steps"] - passed)
-            passed = info["elapsed_steps"]
+                return seen, gained, terminated, truncated, info | way.told()
             action = self._forced(info)
 
     def _forced(self, info: dict[str, Any]) -> Any:
@@ -63,7 +66,8 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
     sum of its rewards since its own last free decision, or since the beginning of the episode,
     discounted by ``gamma`` for each step. An agent that has none gets 0, and its rewards later, at
     the end of the episode at the latest. A learner leaves out the decisions of agents whose
-    ``forced`` is 1.
+    ``forced`` is 1. The infos ``duration_steps`` and ``discount`` of an agent that is paid are
+    those of the time for which it is paid, with this ``gamma``; of another agent they are 0 and 1.
     """
 
     def __init__(self, env: Any, gamma: float = 1.0) -> None:
@@ -71,8 +75,7 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
         super().__init__(env)
         self.gamma = _checked(gamma)
         self._gained: dict[str, float] = {}
-        self._discounts: dict[str, float] = {}
-        self._passed: dict[str, float] = {}
+        self._ways: dict[str, Way] = {}
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -80,8 +83,7 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
         """Begin the next episode; nothing is skipped."""
         told: tuple[dict[str, Any], dict[str, Any]] = super().reset(seed=seed, options=options)
         self._gained = dict.fromkeys(self.agents, 0.0)
-        self._discounts = dict.fromkeys(self.agents, 1.0)
-        self._passed = dict.fromkeys(self.agents, 0.0)
+        self._ways = {agent: Way() for agent in self.agents}
         return told
 
     def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
@@ -90,10 +92,8 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
         while True:
             seen, rewards, ends, cuts, infos = super().step(chosen)
             for agent, reward in rewards.items():
-                self._gained[agent] += self._discounts[agent] * reward
-                elapsed = infos[agent]["elapsed_steps"]
-                self._discounts[agent] *= self.gamma ** (elapsed - self._passed[agent])
-                self._passed[agent] = elapsed if infos[agent]["forced"] else 0.0
+                self._gained[agent] += self._ways[agent].discount * reward
+                self._ways[agent].go_on(self.gamma, infos[agent])
             over = not self.agents
             if over or not all(info["forced"] for info in infos.values()):
                 return seen, self._paid(infos, over), ends, cuts, infos
@@ -112,9 +112,27 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
         for agent, info in infos.items():
             due = over or not info["forced"]
             paid[agent] = self._gained[agent] if due else 0.0
+            info.update((self._ways[agent] if due else Way()).told())
             if due:
-                self._gained[agent], self._discounts[agent] = 0.0, 1.0
+                self._gained[agent], self._ways[agent] = 0.0, Way()
         return paid
+
+
+@dataclass
+class Way:
+    """The way from a decision to the next one: how long it has lasted, and its discount so far."""
+
+    steps: float = 0.0
+    discount: float = 1.0
+
+    def go_on(self, gamma: float, info: dict[str, Any]) -> None:
+        """Add a step."""
+        self.steps += info["duration_steps"]
+        self.discount *= discount_of(gamma, info["duration_steps"])
+
+    def told(self) -> dict[str, float]:
+        """Return what infos tell of the way."""
+        return {"duration_steps": self.steps, "discount": self.discount}
 
 
 def _checked(gamma: float) -> float:

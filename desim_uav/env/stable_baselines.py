@@ -47,13 +47,18 @@ class UavVecEnv(Independent, VecEnv):
         world_seed: WorldSeed = "scenario",
         curriculum: Curriculum | Sequence[Change] | None = None,
     ) -> None:
-        """Make the environments; parameters and errors are those of ``UavVectorEnv``."""
+        """Make the environments; parameters and errors are those of ``UavVectorEnv``.
+
+        Raises ScenarioError for decisions by event too, because the learners of stable-baselines3
+        discount each transition by the same factor.
+        """
         mode = AutoresetMode.SAME_STEP
         self.vector = UavVectorEnv(
             scenario, num_envs, config, mode, threads, render_mode, world_seed, curriculum
         )
         self.actions: NDArray[Any] | None = None
         vector = self.vector
+        vector.sessions[0].tasks.require_one_discount("stable-baselines3")
         super().__init__(num_envs, vector.single_observation_space, vector.single_action_space)
 
     def reset(self) -> NDArray[Any]:

@@ -61,6 +61,14 @@ class Tasks(Unchanging):
     unit: str = "episodes"
     worlds: range | None = None
 
+    def require_one_discount(self, library: str) -> None:
+        """Raise ScenarioError, unless drones decide by clock, for a library with one discount.
+
+        By event, transitions differ in duration and therefore in their discounts.
+        """
+        for _, scenario in self.stages:
+            scenario.require_one_discount(library)
+
     def stage(self, episodes: int, steps: int) -> int:
         """Return the index of the stage that applies after so many episodes and steps."""
         done = episodes if self.unit == "episodes" else steps

@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS
+from desim_uav.env.alone import alone
 from desim_uav.env.compiled import COUNTED, MEASURED, as_counts
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Many
@@ -81,6 +82,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
+    @alone
     def reset(
         self,
         *,
@@ -99,6 +101,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _present(self, which: NDArray[np.bool_]) -> tuple[NDArray[Any], dict[str, Any]]:
         return self._observations(), self.infos(which)
 
+    @alone
     def step(
         self, actions: NDArray[Any]
     ) -> tuple[
@@ -139,16 +142,19 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         have it; the entries of the others are 0.
         """
         numbers, seeds = self.outputs.numbers.T.copy(), self._seeds.T.copy()
-        measures, counts, terms = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
+        measures, counts, rest = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
         whole = as_counts(COUNTS, counts, self.sessions[0].world)
-        columns = (*measures, *seeds, *whole, *terms)
+        columns = (*measures, *seeds, *whole, *rest)
         arrays = dict(zip(self.sessions[0].keys, columns, strict=True))
         infos: dict[str, Any] = {}
+        others = None if which.all() else ~which
         for key, array in {**arrays, "action_mask": self.outputs.masks.copy()}.items():
-            array[~which] = 0
+            if others is not None:
+                array[others] = 0
             infos[key], infos[f"_{key}"] = array, which.copy()
         return infos
 
+    @alone
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the frame of each environment, (height, width, 3), or None without render mode."""
         if self.render_mode is None:

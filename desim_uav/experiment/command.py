@@ -15,7 +15,7 @@ from desim_uav import qoe
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import run
-from desim_uav.experiment.interrupt import asked_to_stop, interruptible
+from desim_uav.experiment.interrupt import asked_to_stop, at_once, interruptible
 from desim_uav.experiment.provenance import clock, versions
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
@@ -115,7 +115,7 @@ def prepare(
     """
     loaded = load_policy(policy)
     scenario = as_seen(scenario, loaded)
-    world = build_world(scenario, scenario.effective_world_seed)
+    world = at_once(build_world, scenario, scenario.effective_world_seed)
     check_engine(engine, world, keep_events)
     return Prepared(scenario, world, loaded, policy_name(policy))
 
@@ -314,4 +314,6 @@ def label_of(name: str) -> str:
         module, _, own = name.rpartition(":")
         return f"{Path(module).stem}:{own}" if module.endswith(".py") else name
     named = file.absolute().parent.name if file.name in ALWAYS_CALLED else file.stem
-    return f"{parts(name)[0]}-{named}"
+    kind, argument = parts(name)
+    options = argument.partition(file.name)[2]  # of a planner
+    return f"{kind}-{named}{options}"

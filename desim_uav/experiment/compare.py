@@ -20,7 +20,9 @@ import pandas as pd
 
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import UsageError
+from desim_uav.escaped import csv_cell
 from desim_uav.experiment.evaluate import evaluate
+from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
 from desim_uav.model.streams import Purpose, Streams
@@ -101,7 +103,8 @@ class Comparison:
         text = io.StringIO()
         writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(common | row for row in self.rows())
+        named = ({**common, **row, "policy": csv_cell(row["policy"])} for row in self.rows())
+        writer.writerows(named)
         return text.getvalue()
 
     @cached_property
@@ -299,7 +302,8 @@ def try_on(
     Raises PolicyError if a policy does not fit the scenario, and ScenarioError if the engine cannot
     run a component.
     """
-    check_engine(engine, build_world(scenario, world_seed_of(scenario, seeds[0])))
+    world = at_once(build_world, scenario, world_seed_of(scenario, seeds[0]))
+    check_engine(engine, world)
     for policy in policies.values():
         begin_once(scenario, policy, seeds[0])
 
@@ -307,7 +311,7 @@ def try_on(
 def begin_once(scenario: Scenario, policy: PolicyLike, seed: int) -> None:
     """Let a policy begin in the world of a seed. Raises PolicyError if it does not fit."""
     loaded = load_policy(policy)
-    world = build_world(as_seen(scenario, loaded), world_seed_of(scenario, seed))
+    world = at_once(build_world, as_seen(scenario, loaded), world_seed_of(scenario, seed))
     loaded.begin(world, Streams(seed, Purpose.LEARNER), False)
 
 

@@ -12,6 +12,7 @@ from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import Comparison, Replication, reference_of, world_seed_of
 from desim_uav.experiment.evaluate import measures_of
 from desim_uav.records import EPISODES
+from desim_uav.report.manifest import read_manifest
 from desim_uav.run_folder import no_such, read_scenario, read_table
 from desim_uav.scenario.load import scenario_hash, seedless, to_plain
 from desim_uav.scenario.schema import Scenario
@@ -52,6 +53,8 @@ class _Run:
 
     folder: Path
     scenario: Scenario
+    as_run: bool
+    """Whether the files and components of its scenario are what they were in the run."""
     episodes: int
     warmup: int
     replication: Replication
@@ -74,6 +77,7 @@ def _read(folder: Path) -> _Run:
     return _Run(
         folder,
         seedless(scenario),
+        scenario_hash(scenario) == read_manifest(folder)["scenario_hash"],
         summary["episodes"],
         int((numbers < 0).sum()),
         Replication(
@@ -87,6 +91,11 @@ def _fits(run: _Run, first: _Run) -> None:
     if scenario_hash(run.scenario) != scenario_hash(first.scenario):
         where = _difference(to_plain(run.scenario), to_plain(first.scenario)) or "a file it names"
         raise PolicyError(f"{run.folder}: its scenario is not that of {first.folder}: {where}")
+    for one in (run, first):
+        if not one.as_run:
+            raise PolicyError(
+                f"{one.folder}: a file or component of its scenario has changed since the run"
+            )
     if (run.episodes, run.warmup) != (first.episodes, first.warmup):
         raise PolicyError(
             f"{run.folder}: {run.episodes} episode(s) after {run.warmup} of warm-up, "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +10,8 @@ from typing import Any, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from desim_uav.notices import notice
 
 COMPILING = "compiling the engine for the first time; this takes about a minute"
 LINES_EVERY_S = 10.0
@@ -114,4 +115,4 @@ def _share(done: int, total: int, unit: str) -> str:
 
 
 def _print(text: str) -> None:
-    print(f"desim-uav: {text}", file=sys.stderr, flush=True)
+    notice(text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import platform
 import shutil
@@ -18,12 +19,14 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 from desim_uav import __version__
+from desim_uav.available import available_bytes, processors, quota
 from desim_uav.errors import install_command
 
 Verdict = Literal["ok", "note", "problem"]
 
 PACKAGE = "desim-uav"
 SHORT_OF_DISK = 2**30
+SHORT_OF_MEMORY = 5e8
 
 CONFLICTS = {
     "ray": "RLlib needs gymnasium {wanted}, but {found} is installed; install RLlib in an "
@@ -46,7 +49,7 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Make all checks and return their results in order."""
-    looks = (_python, _required, _extras, _conflicts, _kernels, _processors, _places)
+    looks = (_python, _required, _extras, _conflicts, _kernels, _processors, _memory, _places)
     return [finding for look in looks for finding in look()]
 
 
@@ -192,17 +195,22 @@ def _kernels() -> Iterator[Finding]:
 
 
 def _processors() -> Iterator[Finding]:
-    try:
-        usable = len(os.sched_getaffinity(0))
-    except AttributeError:
-        usable = os.cpu_count() or 1
-    limits = [
+    usable, allowed = processors(), quota()
+    limits = [f"a control group allows the time of {allowed:g}"] if allowed < math.inf else []
+    limits += [
         f"{name}={os.environ[name]}"
         for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
         if name in os.environ
     ]
     words = f"{usable} usable (-j {usable})" + (f"; {', '.join(limits)}" if limits else "")
     yield Finding("ok", "processors", words)
+
+
+def _memory() -> Iterator[Finding]:
+    left = available_bytes()
+    if left < math.inf:
+        words = f"{left / 1e9:.1f} GB available to this process (machine, control groups, ulimit)"
+        yield Finding("note" if left < SHORT_OF_MEMORY else "ok", "memory", words)
 
 
 def _places() -> Iterator[Finding]:

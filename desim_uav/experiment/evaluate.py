@@ -23,13 +23,15 @@ MEASURES = (
 )
 
 ENERGY = "j_per_mbit"
-"""One more measure, if batteries hold energy: that used in flight over what was served."""
+"""One more measure, if all batteries hold energy: that used in flight over what was served."""
 
 
 def measures_of(*scenarios: Scenario) -> tuple[str, ...]:
     """Return the names of the measures of replications in some scenarios, in any of them."""
-    fleet = (drones for scenario in scenarios for drones in scenario.fleet)
-    return (*MEASURES, ENERGY) if any(in_joules(one.battery) for one in fleet) else MEASURES
+    known = any(
+        all(in_joules(drones.battery) for drones in scenario.fleet) for scenario in scenarios
+    )
+    return (*MEASURES, ENERGY) if known else MEASURES
 
 
 def evaluate(

@@ -21,7 +21,10 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
+ALWAYS = ("SIGINT", "SIGTERM", "SIGHUP")
+UNLESS_USED = ("SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGALRM")
+"""With the first ones, the signals that ask for the end. Batch systems send these to a job shortly
+before its time is up, and would end it; a program that has a use of its own for them keeps it."""
 
 INTERRUPTED = 130
 """The exit code of a process that was interrupted."""
@@ -81,18 +84,55 @@ def asked_to_stop(what: str) -> Iterator[Stop]:
     effect.
     """
     stop = Stop(what)
+    with _handled(stop.note):
+        yield stop
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Run a short block without interruption; a KeyboardInterrupt is raised after it."""
+    asked = []
+    with _handled(lambda number, frame: asked.append(number)):
+        yield
+    if asked:
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def _handled(note: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Call ``note`` for the signals that ask for the end, in the main thread."""
     before: dict[int, Any] = {}
     try:
-        for number in (getattr(signal, name) for name in NAMES if hasattr(signal, name)):
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                before[number] = signal.signal(number, stop.note)
-    except ValueError:
-        pass
-    try:
-        yield stop
+        with suppress(ValueError):  # it is another thread
+            for number in asking():
+                before[number] = signal.signal(number, note)
+        yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def asking() -> list[int]:
+    """Return the signals that ask for the end, without those that are ignored or used otherwise."""
+    found = [number for name in ALWAYS if (number := getattr(signal, name, None)) is not None]
+    others = [number for name in UNLESS_USED if (number := getattr(signal, name, None)) is not None]
+    return [
+        *[number for number in found if signal.getsignal(number) is not signal.SIG_IGN],
+        *[number for number in others if _is_ours(signal.getsignal(number))],
+    ]
+
+
+def _is_ours(handler: Any) -> bool:
+    """Return whether a handler is Python's own or this module's, and not the program's."""
+    default = handler in (signal.SIG_DFL, signal.default_int_handler)
+    return default or getattr(handler, "__module__", None) == __name__
+
+
+def end_politely() -> None:
+    """Make signals that ask for the end interrupt as Ctrl-C does, unless they are ignored."""
+    for number in asking():
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
 
 
 def interruptible(items: Iterable[T]) -> Iterator[T]:
@@ -124,14 +164,17 @@ def leave(code: int) -> None:
     Python would wait for such work. It would also free the memory of a large run object by object,
     which takes seconds, whereas the operating system reclaims it at once.
     """
-    until = time.monotonic() + LEAVE_S
-    for worker in _left:
-        worker.join(max(0.0, until - time.monotonic()))
-    if code != INTERRUPTED and not any(worker.is_alive() for worker in _left):
-        return
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # nobody reads it any more, or it is closed
-            stream.flush()
+    try:
+        until = time.monotonic() + LEAVE_S
+        for worker in _left:
+            worker.join(max(0.0, until - time.monotonic()))
+        if code != INTERRUPTED and not any(worker.is_alive() for worker in _left):
+            return
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):  # nobody reads it any more, or it is closed
+                stream.flush()
+    except KeyboardInterrupt:  # once more
+        os._exit(INTERRUPTED)
     os._exit(code)
 
 

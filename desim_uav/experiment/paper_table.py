@@ -7,6 +7,7 @@ import io
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
+from desim_uav import escaped
 from desim_uav.experiment.evaluate import MEASURES
 from desim_uav.experiment.published import POLICIES, PUBLISHED, best_qoe3
 from desim_uav.experiment.statistics import Estimate, estimate, paired
@@ -213,7 +214,7 @@ def markdown(
 ) -> str:
     """Return the table and the claims as Markdown, with the seeds and the command."""
     parts = [
-        f"`{command}`",
+        escaped.markdown_code(command),
         "",
         f"The values are means over {len(seeds)} seeds ({min(seeds)} to {max(seeds)}), each with a "
         "world of its own, ± the half-width of the 95 % t-interval. Policies are greedy and fly 20 "

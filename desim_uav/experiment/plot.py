@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from desim_uav.errors import PolicyError, UsageError, located
 from desim_uav.experiment.compare import Comparison, reference_of
 from desim_uav.experiment.compare_runs import compare_runs
+from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.replay.again import Source
 from desim_uav.policies.tabular import read_table
 from desim_uav.registry import did_you_mean
@@ -115,9 +116,9 @@ def _world(source: Drawable, kind: str) -> World:
     path = _path(source, kind)
     if path.is_dir():
         return Run(path).world
-    scenario = load(path)
+    scenario = at_once(load, path)
     with located(path):
-        return build_world(scenario, scenario.effective_world_seed)
+        return at_once(build_world, scenario, scenario.effective_world_seed)
 
 
 def _point(text: str) -> tuple[float, float]:

@@ -6,6 +6,7 @@ import multiprocessing as mp
 import os
 import pickle
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -14,13 +15,27 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar, cast
 
-from desim_uav.errors import SimulationError
-from desim_uav.experiment.interrupt import at_once
+from desim_uav.errors import SimulationError, UsageError
+from desim_uav.experiment.interrupt import asking, at_once, undisturbed
 from desim_uav.registry import FAULTS, what_failed
 
 T = TypeVar("T")
 
 DIED = "a process has died; if memory ran out, run fewer at a time (-j)"
+
+NO_FILE = (
+    "a script from standard input cannot be run by several processes, because each of them reads "
+    "the script again: save it in a file, or run one at a time (jobs=1)"
+)
+NO_START = (
+    "a process that runs a part of the work has ended before it began, perhaps with a message "
+    "above. It first runs the script again, so a script must do its work under "
+    '`if __name__ == "__main__":`; or run one at a time (-j 1, jobs=1)'
+)
+
+
+class _Started:
+    """What a process sends first."""
 
 
 def run_each(
@@ -34,6 +49,7 @@ def run_each(
     Yields the number and the result of each task when it has ended; the other tasks end if the
     iterator is closed. The first error ends all tasks, and so does a process that dies. With
     ``died``, which makes a result of the reason, a new process continues with the other tasks.
+    Raises UsageError if no process can begin, because of how the program was started.
     """
     if jobs == 1 or len(tasks) < 2:
         for number, task in enumerate(tasks):
@@ -42,11 +58,18 @@ def run_each(
     numbers = iter(range(len(tasks)))
     with _workers(function, tasks) as start:
         busy = {_sent(start(), number): number for number in islice(numbers, jobs)}
+        some_began = False
         while busy:
             for worker in cast(list[Connection], wait(busy)):
-                number, result = busy.pop(worker), _answer(worker)
+                result = _answer(worker)
+                if isinstance(result, _Started):
+                    some_began = True
+                    continue
+                if result is DIED and not some_began:
+                    raise UsageError(NO_START)
                 if result is DIED and died is None:
                     raise SimulationError(DIED)
+                number = busy.pop(worker)
                 for following in islice(numbers, 1):
                     busy[_sent(start() if result is DIED else worker, following)] = following
                 if isinstance(result, Exception):
@@ -62,7 +85,7 @@ def _sent(worker: Connection, number: int) -> Connection:
 
 
 def _answer(worker: Connection) -> Any:
-    """Return the result of a worker's task, or ``DIED``."""
+    """Return ``_Started`` from a worker that has begun, the result of its task, or ``DIED``."""
     try:
         return worker.recv()
     except (EOFError, ConnectionError):
@@ -76,21 +99,31 @@ def _workers(
     """Yield a function that starts a process, which takes numbers of tasks and returns results."""
     spawn = mp.get_context("spawn")
     processes = []
+    if getattr(sys.modules["__main__"], "__file__", None) == "<stdin>":
+        raise UsageError(NO_FILE)
 
     def start() -> Connection:
         ours, theirs = spawn.Pipe()
         process = spawn.Process(target=_work, args=(theirs, function, tasks))
-        processes.append(process)
         with _signals_blocked():
-            process.start()
+            try:
+                process.start()
+            except OSError as error:
+                reason = f"no further process can be started ({error.strerror or error})"
+                raise SimulationError(f"{reason}; run fewer at a time (-j)") from error
+            except RuntimeError:
+                if "__mp_main__" not in sys.modules:
+                    raise
+                sys.exit(f"desim-uav: {NO_START}")  # this is a process that runs the script again
+        processes.append(process)
         theirs.close()
         return ours
 
     try:
         yield start
     finally:
-        for process in processes:
-            if process.pid is not None:
+        with undisturbed():
+            for process in processes:
                 process.kill()
                 process.join()
 
@@ -100,6 +133,7 @@ def _work(
 ) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, ConnectionError):  # the parent has ended
+        connection.send(_Started())
         while True:
             number = connection.recv()
             try:
@@ -129,12 +163,12 @@ def _portable(error: BaseException) -> Exception:
 
 @contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Let processes that are started in the block ignore Ctrl-C, which is for their parent."""
+    """Let processes that are started in the block ignore what asks their parent to end."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     resource_tracker.ensure_running()  # its start unblocks signals, so it must not come later
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, asking())
     try:
         yield
     finally:

@@ -17,6 +17,7 @@ from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams
+from desim_uav.policies.answers import NoCommandError
 from desim_uav.policies.base import Policy, decide, show
 from desim_uav.records import APART, ENERGY, FLOAT, LINKS
 from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
@@ -124,7 +125,7 @@ def fly(
         show(policy, simulation)
     while not (snapshot.terminated or snapshot.truncated) and snapshot.step != until:
         with _blame(policy_name, episode, snapshot.step):
-            commands = decide(policy, snapshot)
+            commands = decide(policy, snapshot, simulation.world)
         snapshot = simulation.step(commands)
     return snapshot
 
@@ -143,6 +144,7 @@ class Tally:
         self._qoe3, self._reward = qoe.Mean(), qoe.Mean()
         self._sums: dict[str, Any] = {}
         self._least_m: list[float] = []
+        self._energy_of_all = True
 
     def add(self, requests: pd.DataFrame, episodes: pd.DataFrame) -> None:
         """Add the tables of some episodes; warm-up does not count."""
@@ -159,6 +161,9 @@ class Tally:
                 self._sums[name] = float(total) if kind == FLOAT else int(total)
         if "least_distance_m" in episodes:
             self._least_m += episodes["least_distance_m"].dropna().tolist()
+        if "j_per_mbit" in episodes:
+            unknown = (episodes["served_mbit"] > 0.0) & episodes["j_per_mbit"].isna()
+            self._energy_of_all &= not unknown.any()
 
     def _derived(self) -> dict[str, float | None]:
         """Return those measures of ``DERIVED`` that the episodes have."""
@@ -168,7 +173,8 @@ class Tally:
         if "energy_wh" in self._sums:
             served = self._sums["served_mbit"]
             used_j = 3600 * self._sums["energy_wh"]
-            found["j_per_mbit"] = used_j / served if served > 0.0 else None
+            known = self._energy_of_all and served > 0.0
+            found["j_per_mbit"] = used_j / served if known else None
         return found
 
     def headline(self) -> dict[str, Any]:
@@ -203,6 +209,9 @@ def _blame(policy_name: str, episode: int, step: int | None = None) -> Iterator[
         yield
     except DesimError:
         raise
+    except NoCommandError as problem:
+        where = f"in episode {episode}, step {step}"
+        raise SimulationError(f"policy {policy_name!r} {where}: {problem}") from None
     except FAULTS as error:
         where = f"episode {episode}" + ("" if step is None else f", step {step}")
         raise SimulationError(

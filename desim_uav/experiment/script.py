@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.errors import DesimError, PolicyError, UsageError
+from desim_uav.errors import DesimError, PolicyError, UsageError, printable
+from desim_uav.notices import drop, replace_lacking
+from desim_uav.run_folder import file_place, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,6 +30,7 @@ def run_script(analysis: Analysis, about: str | None) -> None:
     """
     from desim_uav.experiment.runs import read_runs
 
+    replace_lacking()
     arguments = sys.argv[1:]
     if not arguments or {"-h", "--help"} & set(arguments):
         print(about, file=sys.stdout if arguments else sys.stderr)
@@ -43,11 +45,10 @@ def run_script(analysis: Analysis, about: str | None) -> None:
             print("no interval from a single seed: its requests and episodes are correlated")
         print(end="", flush=True)
     except DesimError as error:
-        print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
+        print(printable(f"{Path(sys.argv[0]).name}: {error}"), file=sys.stderr)
         sys.exit(error.exit_code)
     except BrokenPipeError:  # the reader of stdout has ended
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        drop(sys.stdout)
 
 
 def _paths(arguments: list[str]) -> tuple[list[Path], Path | None]:
@@ -67,6 +68,6 @@ def _analyse(analysis: Analysis, runs: pd.DataFrame, picture: Path | None) -> No
     figure = styled(analysis)(runs, picture is not None)
     try:
         if picture is not None and figure is not None:
-            picture.write_bytes(to_bytes(figure, picture.suffix.lower()))
-    except OSError as error:
-        raise UsageError(f"cannot write {picture}: {error.strerror or error}") from error
+            write_whole(file_place(picture), to_bytes(figure, picture.suffix.lower()))
+    except DesimError as error:
+        raise UsageError(str(error)) from error

@@ -197,19 +197,23 @@ def _episode_row(
         values |= {"conflicts": conflicts, "conflict_s": conflict_us / US}
         values["least_distance_m"] = None if math.isinf(least_m) else least_m
     if world.in_joules:
-        values |= _energy(log, requests)
+        values |= _energy(log, requests, world.all_in_joules)
     return tuple(values[name] for name in columns)
 
 
-def _energy(log: EpisodeLog, requests: pd.DataFrame) -> dict[str, float | None]:
-    """Return what drones used and were charged with in an episode, and what was served with it."""
+def _energy(log: EpisodeLog, requests: pd.DataFrame, of_all: bool) -> dict[str, float | None]:
+    """Return what drones used and were charged with in an episode, and what was served with it.
+
+    ``of_all`` says that this is the energy of all drones. If it is not, there is none per Mbit:
+    the drones whose energy is unknown have served a part.
+    """
     rates = mean_rate_bps(requests) * requests["served_s"].to_numpy(float)
     served_mbit = in_order(rates.tolist()) / 1e6
     return {
         "energy_wh": log.used / WH_UJ,
         "charged_wh": log.gained / WH_UJ,
         "served_mbit": served_mbit,
-        "j_per_mbit": log.used / 1e6 / served_mbit if served_mbit > 0.0 else None,
+        "j_per_mbit": log.used / 1e6 / served_mbit if of_all and served_mbit > 0.0 else None,
     }
 
 

@@ -20,7 +20,7 @@ from desim_uav.learning.initial_q import initial_q
 from desim_uav.learning.learner import Parameters, forget, play
 from desim_uav.learning.readable import Readable
 from desim_uav.learning.rows import Episode, Learner, Values
-from desim_uav.model.components import NOT_COMPILED, cause_of
+from desim_uav.model.components import NOT_COMPILED, cause_of, check_unchanged
 from desim_uav.model.observations import Feature, common_features, table_row, table_sizes
 from desim_uav.model.rows import Table, View, blank, fill, packed
 from desim_uav.model.streams import Purpose, Streams, uniforms_of
@@ -133,6 +133,7 @@ class Training:
         if not isinstance(engine, BatchSimulation) or "observation" not in engine.fixed.components:
             return 0
         try:
+            check_unchanged(algorithm)
             return fused.compiled_update(algorithm)
         except NOT_COMPILED as error:
             name, why = self.settings.algorithm, cause_of(error, None)

@@ -37,6 +37,11 @@ NOTHING = -1
 NO_MORE_US = 2**60
 """The waiting time of users who make no more requests, which is longer than any episode."""
 
+MOST_REQUIRED, MOST_BPS = 2**62, 10**12
+"""The largest service time in microseconds, or volume in millionths of a bit, and the largest
+bandwidth of a request: what is done for it, and a bandwidth times the millionths of a bit/s/Hz,
+then fits in 64 bits."""
+
 
 class Requests(NamedTuple):
     """All users' requests in one episode: rows of DUE_US SERVICE REQUIRED_US BANDWIDTH_BPS.
@@ -256,6 +261,7 @@ def _is_sound(asker: Any, services: Any) -> Any:
     nothing = (asker.service == NOTHING) & (asker.wait_us >= 0)
     exists = (asker.service >= 0) & (asker.service < len(services.shares))
     request = exists & (asker.required_us > 0) & (asker.bandwidth_bps >= 0)
+    request &= (asker.required_us <= MOST_REQUIRED) & (asker.bandwidth_bps <= MOST_BPS)
     return nothing | (request & (asker.wait_us >= 0))
 
 

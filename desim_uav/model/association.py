@@ -14,7 +14,7 @@ class Association(Protocol):
     """A way to choose drones, as the scenario's component ``association``.
 
     If it is ``by_level``, users are handed over to a drone whose level has exceeded that of their
-    own by ``margin_db`` or more for ``trigger_us`` microseconds.
+    own by more than ``margin_db`` for ``trigger_us`` microseconds.
     """
 
     by_level: bool
@@ -47,8 +47,9 @@ class Strongest:
 class A3:
     """A user leaves its drone when another is better for a time (event A3 of 3GPP TS 36.331).
 
-    Better is who exceeds the level of the user's drone by the offset and the hysteresis. Here the
-    time ends when this no longer holds, whereas the standard subtracts the hysteresis then.
+    Better is who exceeds the level of the user's drone by more than the offset and the hysteresis.
+    Here the time ends when this no longer holds, whereas the standard subtracts the hysteresis
+    then.
     """
 
     offset_db: Annotated[float, Ge(-30), Le(30)] = 0.0

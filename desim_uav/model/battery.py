@@ -17,6 +17,9 @@ from desim_uav.model.motion import Motion, Transit
 from desim_uav.model.rules import MINUTE_US, US
 from desim_uav.registry import register
 
+MOST_CHARGE = 2**46
+"""The largest capacity, in microseconds or microjoules: ``_share`` counts up to it."""
+
 LONGEST_MIN = 1_000_000
 """The longest autonomy and the longest full charge, in minutes, that ``charged_us`` allows."""
 

@@ -24,6 +24,12 @@ from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.rules import MINUTE_US, US
 from desim_uav.registry import register
 
+MOST_US = 2**60
+"""No charge lasts longer, in microseconds; this is more than ``LONGEST_MIN``."""
+
+NEAR_US = 1024
+"""A search takes single steps up to so many microseconds from where it begins."""
+
 
 class Charging(Protocol):
     """A model of charging, whose numbers are charges and microseconds."""
@@ -138,9 +144,19 @@ class Tapered(RowCharging):
                 f"power_w charges a battery that is measured in Wh, which {kind!r} is not; "
                 "give full_charge_min"
             ]
-        takes_min = self.until_full_us(0, capacity_of(battery)) / MINUTE_US
+        capacity = capacity_of(battery)
+        if self.full_at * capacity < 1.0:
+            unit = "microjoules" if in_joules(battery) else "microseconds"
+            return [
+                f"full_at: {self.full_at:g} of a capacity of {capacity:g} {unit} is less than one, "
+                "the least charge"
+            ]
+        takes_min = self.until_full_us(0, capacity) / MINUTE_US
         if takes_min > LONGEST_MIN:
-            return [f"a full charge takes {takes_min:g} min; it may take {LONGEST_MIN} at most"]
+            more = "more than " if takes_min * MINUTE_US >= MOST_US else ""
+            return [
+                f"a full charge takes {more}{takes_min:g} min; it may take {LONGEST_MIN} at most"
+            ]
         return []
 
 
@@ -173,7 +189,11 @@ def tapered(
 
 @kernel
 def until_tapered(battery: int, capacity: int, power: float, taper_from: float, full: int) -> int:
-    """Return the least time until ``tapered`` reaches ``full``."""
+    """Return the least time until ``tapered`` reaches ``full``, or ``MOST_US`` if it is longer.
+
+    From the time by the formula on it is sought step by step, first of a microsecond, then of ever
+    more; in the last step it is found by bisection.
+    """
     if battery >= full:
         return 0
     knee = taper_from * capacity
@@ -184,12 +204,20 @@ def until_tapered(battery: int, capacity: int, power: float, taper_from: float, 
         tau_us = (1.0 - taper_from) * capacity / power
         missing = capacity - max(float(battery), knee)
         takes_us = linear_us + tau_us * math.log(missing / (capacity - full))
-    us = int(takes_us)
-    while tapered(battery, us, capacity, power, taper_from, full) < full:
-        us += 1
-    while us > 0 and tapered(battery, us - 1, capacity, power, taper_from, full) >= full:
-        us -= 1
-    return us
+    near_us = int(min(takes_us, MOST_US))
+    least_us, most_us = near_us - 1, near_us
+    while most_us < MOST_US and tapered(battery, most_us, capacity, power, taper_from, full) < full:
+        least_us, most_us = most_us, most_us + 1 + (most_us - near_us) // NEAR_US
+    while least_us > 0 and tapered(battery, least_us, capacity, power, taper_from, full) >= full:
+        least_us, most_us = least_us - 1 - (near_us - least_us) // NEAR_US, least_us
+    least_us = max(least_us, 0)
+    while most_us - least_us > 1:
+        middle_us = (least_us + most_us) // 2
+        if tapered(battery, middle_us, capacity, power, taper_from, full) < full:
+            least_us = middle_us
+        else:
+            most_us = middle_us
+    return most_us
 
 
 @register("charging", "swap")

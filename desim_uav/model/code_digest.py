@@ -1,25 +1,30 @@
-"""A digest of everything that a kernel is compiled from: the code of all functions it reaches.
+"""Digests of compiled functions, by which it is known whether machine code on disk is stale.
 
-The digest is taken of the code that Python runs, not of the text of a file. The two differ if a
-file has changed since it was imported, or if Python reads bytecode that is older than the file.
+A digest depends on all that goes into machine code, and on nothing else: the byte code of a
+function and of all functions it calls, the values of their global names, the layouts of rows. A
+changed docstring or comment does not change it. What cannot be described has no digest.
 """
 
 from __future__ import annotations
 
+import dis
 import hashlib
 from collections.abc import Iterable, Iterator
-from enum import Enum
 from functools import cache
-from types import CodeType, FunctionType, ModuleType
-from typing import Any
-
-import numpy as np
+from types import CellType, CodeType, FunctionType, ModuleType
+from typing import Any, NamedTuple, cast
 
 from desim_uav.model import compiled_queues, compiled_registers, compiled_rows, numba_parts
+from desim_uav.model.numba_parts import overloads_of
 from desim_uav.model.rows import is_row, layout_of
-
-NOT_OURS = ("numpy", "numba", "math", "builtins")
-"""Packages whose functions Numba replaces by versions of its own."""
+from desim_uav.model.value_text import (
+    OURS,
+    ChangedError,
+    Text,
+    UndescribedError,
+    foreign,
+    full_name,
+)
 
 STANDS_IN: dict[FunctionType, FunctionType] = {}
 """What compiled code has in the place of a function: the function that Numba's overload calls."""
@@ -33,29 +38,52 @@ def code_digest(function: FunctionType) -> str:
 
     Docstrings, comments and line numbers do not count. What stands in compiled code in the place
     of a function counts as called by it. If the functions are over rows, so do the layout and the
-    methods of these rows, and the code by which rows are compiled.
+    methods of these rows, and the code by which rows are compiled. Raises UndescribedError with the
+    name of a value on which compiled code depends, if that value cannot be described.
     """
-    found: dict[FunctionType, str] = {}
-    _reach(found, [function])
-    rows = _rows_of(found)
-    _reach(found, [of for row in rows for of in vars(row).values() if type(of) is FunctionType])
+    found: dict[FunctionType, int] = {}
+    texts = list(_reach(found, [function]))
+    rows = sorted(_rows_of(found), key=layout_of)
+    methods = [sorted(vars(row).items()) for row in rows]
+    texts += _reach(found, [of for parts in methods for _, of in parts if type(of) is FunctionType])
     if rows or RULES.intersection(found):
-        _reach(
-            found, _functions_of(compiled_rows, compiled_queues, compiled_registers, numba_parts)
-        )
-    layouts = map(layout_of, rows)
-    return hashlib.sha256("\n".join(sorted([*found.values(), *layouts])).encode()).hexdigest()
+        compiling = compiled_rows, compiled_queues, compiled_registers, numba_parts
+        texts += _reach(found, _functions_of(*compiling))
+    texts += map(layout_of, rows)
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
-def _reach(found: dict[FunctionType, str], waiting: list[FunctionType]) -> None:
-    """Add to ``found`` the functions that wait and all that they call, each with its code."""
-    while waiting:
-        one = waiting.pop()
-        if one not in found:
-            found[one], called = _described(one)
-            waiting += called
-            if one in STANDS_IN:
-                waiting.append(STANDS_IN[one])
+def class_digest(cls: type) -> str:
+    """Return the SHA-256 of all attributes of a class, and of all functions that its methods call.
+
+    Functions of this package do not count. Raises UndescribedError as ``code_digest`` does.
+    """
+    text = Text()
+    said = text.of(cls)
+    texts = _reach({}, text.functions, ours=False)
+    return hashlib.sha256("\n".join([said, *texts]).encode()).hexdigest()
+
+
+def _reach(
+    found: dict[FunctionType, int], functions: list[FunctionType], ours: bool = True
+) -> Iterator[str]:
+    """Yield the texts of functions and of all that they call, with the numbers of these in them.
+
+    ``found`` has the number of each function, in the order in which they are met: two functions
+    may have the same name. If not ``ours``, functions of this package are left out.
+    """
+    waiting = [one for one in functions if one not in found]
+    for one in waiting:  # which grows
+        found.setdefault(one, len(found))
+    for one in waiting:
+        text, called = _described(one)
+        if not ours:
+            called = [other for other in called if not str(other.__module__).startswith(OURS)]
+        for other in called:
+            if other not in found:
+                found[other] = len(found)
+                waiting.append(other)
+        yield f"{found[one]}: {text} {[found[other] for other in called]}"
 
 
 def _functions_of(*modules: ModuleType) -> list[FunctionType]:
@@ -82,78 +110,148 @@ def _rows_of(functions: Iterable[FunctionType]) -> set[Any]:
     return {value for space in spaces.values() for value in space.values() if is_row(value)}
 
 
-@cache
+class _Known(NamedTuple):
+    """What a function's text was made from, which is compared each time, and the text."""
+
+    code: CodeType
+    values: dict[str, Any]
+    text: str
+    called: list[FunctionType]
+
+
+_KNOWN: dict[FunctionType, _Known] = {}
+"""The texts of functions whose values cannot change in place."""
+
+_FIRST: dict[FunctionType, str] = {}
+"""The first text of each function. Numba does not compile a function again if a value changes."""
+
+
 def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
-    """Return a function's code and the values of its global names, and the functions it calls."""
-    code, called = function.__code__, list[FunctionType]()
-    parts = [_name(function), repr(function.__defaults__), *_code(code, function.__doc__)]
-    for name, value in _values(function):
-        parts.append(f"{name} = {_value(value, called)}")
-    return "\n".join(parts), called
+    """Return a function's code with all values in it, and the functions that it calls."""
+    code, values = function.__code__, dict(_values(function))
+    known = _KNOWN.get(function)
+    if known and known.code is code and _same(known.values, values):
+        return known.text, known.called
+    text = Text()
+    parts = [full_name(function), *_code(text, code, function.__doc__)]
+    for name, value in values.items():
+        try:
+            parts.append(f"{name} = {text.of(value)}")
+        except UndescribedError as error:
+            if _is_used(code, name):
+                raise UndescribedError(f"{name!r} in {full_name(function)!r} is {error}") from None
+    said = "\n".join(parts)
+    if text.lasting:
+        _KNOWN[function] = _Known(code, values, said, text.functions)
+    of_values = "\n".join(part for part in parts if not part.startswith(OVERLOADS))
+    if _FIRST.setdefault(function, of_values) != of_values:
+        changed = f"the code of {full_name(function)!r}, or a value in it, has changed"
+        raise ChangedError(f"{changed} in this process")
+    return said, text.functions
 
 
-def _name(value: Any) -> str:
-    return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', '')}"
-
-
-def _code(code: CodeType, doc: str | None = None) -> Iterator[str]:
-    yield code.co_code.hex()
-    yield repr(code.co_names)
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield from _code(constant)
-        elif isinstance(constant, frozenset):
-            yield repr(sorted(map(repr, constant)))
-        elif constant is None or constant != doc:
-            yield repr(constant)
-
-
-def _names(code: CodeType) -> set[str]:
-    inner = (_names(one) for one in code.co_consts if isinstance(one, CodeType))
-    return set(code.co_names).union(*inner)
+def _same(values: dict[str, Any], others: dict[str, Any]) -> bool:
+    """Return whether these are the same objects, under the same names in the same order."""
+    return list(values) == list(others) and all(
+        one is other for one, other in zip(values.values(), others.values(), strict=True)
+    )
 
 
 def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Yield the global names in a function, each with its value."""
+    """Yield what compiled code has from outside of a function: each value with a name."""
     code = function.__code__
-    for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
-        yield name, cell.cell_contents
-    names = sorted(_names(code))
-    for name in names:
-        value = function.__globals__.get(name)
-        yield name, value
-        if isinstance(value, ModuleType) and not _foreign(value.__name__):
-            yield from ((f"{name}.{of}", getattr(value, of)) for of in names if hasattr(value, of))
+    yield "its defaults", function.__defaults__
+    for name, value in (function.__kwdefaults__ or {}).items():
+        yield f"the default of {name}", value
+    if function in STANDS_IN:
+        yield "what stands in for it", STANDS_IN[function]
+    elif not str(function.__module__).startswith(OURS) and (overloads := overloads_of(function)):
+        yield OVERLOADS, overloads
+    outside = {
+        name: cell.cell_contents
+        for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True)
+        if cell != EMPTY
+    }
+    spaces = function.__globals__, cast(Any, function).__builtins__
+    for name in _names(code):
+        for space in spaces:
+            if name in space and name not in outside:
+                outside[name] = space[name]
+    for name, value in outside.items():
+        if _has_values(value):
+            yield from _in_module(code, name, value)
+        else:
+            yield name, value
 
 
-def _value(value: Any, called: list[FunctionType]) -> str:
-    """Return a text that changes if compiled code would; functions are added to ``called``."""
-    function = value if isinstance(value, FunctionType) else getattr(value, "__wrapped__", None)
-    if isinstance(function, FunctionType):
-        if not _foreign(function.__module__):
-            called.append(function)
-        return f"{_name(function)} {getattr(value, 'targetoptions', '')}"
-    if isinstance(value, np.ndarray):
-        return f"{value.dtype} {value.shape} {value.tobytes().hex()}"
-    if isinstance(value, type):
-        return _class(value)
-    if isinstance(value, tuple | list):
-        return _listed(value, called)
-    if isinstance(value, bool | int | float | complex | str | bytes | None):
-        return repr(value)
-    return f"a {_name(type(value))} {getattr(value, '__name__', '')}"
+OVERLOADS = "its overloads"
+"""The name of what Numba compiles in the place of a function; it may be added at any time."""
+
+EMPTY = CellType()
+"""The cell of a variable without a value."""
 
 
-def _class(cls: Any) -> str:
-    if is_row(cls):
-        return layout_of(cls)
-    members = list(cls) if issubclass(cls, Enum) else getattr(cls, "_fields", "")
-    return f"{_name(cls)} {members}"
+def _in_module(code: CodeType, name: str, module: ModuleType) -> Iterator[tuple[str, Any]]:
+    """Yield what a function uses of a module, any number of dots away."""
+    for loaded in _loaded(code):
+        if loaded[0] == name:
+            dots, value = 1, cast(Any, module)
+            while _has_values(value) and dots < len(loaded):
+                value, dots = getattr(value, loaded[dots], None), dots + 1
+            yield ".".join(loaded[:dots]), value
 
 
-def _listed(values: Iterable[Any], called: list[FunctionType]) -> str:
-    return ", ".join(_value(value, called) for value in values)
+def _has_values(value: Any) -> bool:
+    """Return whether a value is a module whose values compiled code depends on."""
+    return isinstance(value, ModuleType) and not foreign(value.__name__)
 
 
-def _foreign(module: str | None) -> bool:
-    return (module or "").partition(".")[0] in NOT_OURS
+def _is_used(code: CodeType, name: str) -> bool:
+    """Return whether a value's name is not only the name of some attribute in the code."""
+    return not name.isidentifier() or name in {loaded[0] for loaded in _loaded(code)}
+
+
+@cache
+def _loaded(code: CodeType) -> tuple[tuple[str, ...], ...]:
+    """Return the names that code loads from outside, each with the attributes that follow it."""
+    found, follows = list[list[str]](), False
+    for one in dis.get_instructions(code):
+        if one.opname in ("LOAD_GLOBAL", "LOAD_DEREF", "LOAD_CLASSDEREF"):
+            found.append([one.argval])
+            follows = True
+        elif one.opname in ("LOAD_ATTR", "LOAD_METHOD") and follows:
+            found[-1].append(one.argval)
+        elif one.opname != "EXTENDED_ARG":
+            follows = False
+    inner = [_loaded(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
+    return tuple(dict.fromkeys([*map(tuple, found), *(one for each in inner for one in each)]))
+
+
+@cache
+def _names(code: CodeType) -> tuple[str, ...]:
+    """Return the names in byte code of what is neither an argument nor a local variable."""
+    inner = (_names(one) for one in code.co_consts if isinstance(one, CodeType))
+    return tuple(sorted(set(code.co_names).union(*inner)))
+
+
+def _code(text: Text, code: CodeType, doc: str | None = None) -> Iterator[str]:
+    """Yield the texts of byte code, the names in it, its exception table and its constants."""
+    yield f"{code.co_code.hex()} {code.co_exceptiontable.hex()} {code.co_flags}"
+    arguments = code.co_argcount + code.co_kwonlyargcount
+    yield f"{code.co_varnames[:arguments]} {code.co_posonlyargcount} {code.co_kwonlyargcount}"
+    yield f"{code.co_names} {code.co_cellvars} {code.co_freevars}"
+    for place, constant in enumerate(code.co_consts):
+        if isinstance(constant, CodeType):
+            yield from _code(text, constant)
+        elif place > 0 or constant != doc or doc is None or _loads_first(code):
+            yield text.of(constant)
+
+
+def _loads_first(code: CodeType) -> bool:
+    """Return whether byte code loads its first constant, which is then not only the docstring."""
+    likely = [load for load in LOADS if bytes((load, 0)) in code.co_code]
+    steps = zip(code.co_code[::2], code.co_code[1::2], strict=True) if likely else ()
+    return any(operation in likely and argument == 0 for operation, argument in steps)
+
+
+LOADS = [dis.opmap[name] for name in ("LOAD_CONST", "RETURN_CONST") if name in dis.opmap]

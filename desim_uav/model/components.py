@@ -12,9 +12,12 @@ from typing import Any, NamedTuple, TypeVar
 
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
+from desim_uav.errors import SimulationError
+from desim_uav.model.code_digest import class_digest
 from desim_uav.model.compiled_rows import address_of, call, pointer_to
 from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.rows import Row, Table, Words, fill, packed, row
+from desim_uav.model.value_text import OURS, ChangedError, UndescribedError
 from desim_uav.notices import notice
 from desim_uav.registry import has_instead
 
@@ -133,7 +136,29 @@ def compiled(
     """Compile functions of a component, which stay loaded. Raises Numba's errors."""
     values = values_of(over_rows(component, services))
     kinds: tuple[Any, Any] = type(component), type(values)
+    check_unchanged(component)
     return Compiled({one.name: _address(one, *kinds) for one in functions}, packed(values))
+
+
+def check_unchanged(component: Any) -> None:
+    """Raise SimulationError if values in the code of a component of one's own have changed.
+
+    Numba goes on with the values that it found when it first compiled the code in this process,
+    while Python uses the present ones.
+    """
+    cls = component if isinstance(component, type) else type(component)
+    if cls.__module__.startswith(OURS):
+        return
+    try:
+        class_digest(cls)
+    except ChangedError as error:
+        name = f"{cls.__module__}:{cls.__qualname__}"
+        raise SimulationError(
+            f"component {name!r}: {error} after it had been compiled; restart Python (in a "
+            "notebook, its kernel), or import its module again with importlib.reload"
+        ) from error
+    except UndescribedError:
+        return
 
 
 @cache
@@ -146,19 +171,20 @@ def compiled_or_none(
     key: str, component: Any, functions: tuple[Function, ...], services: tuple[str, ...] = ()
 ) -> Compiled | None:
     """Compile functions of a component, or print a notice with the reason and return None."""
-    if type(component) in _ONLY_PYTHON or not hasattr(call_at, "overloads"):
+    kinds = type(component), type(values_of(over_rows(component, services)))
+    if kinds in _ONLY_PYTHON or not hasattr(call_at, "overloads"):
         return None  # the latter if NUMBA_DISABLE_JIT is set
     try:
         return compiled(functions, component, services)
     except NOT_COMPILED as error:
-        _ONLY_PYTHON.add(type(component))
+        _ONLY_PYTHON.add(kinds)
         why = cause_of(error, over_rows(component, services))
         notice(f"{key}: {kind_of(component)!r} is not compiled, and drawn more slowly: {why}")
         return None
 
 
-_ONLY_PYTHON: set[type] = set()
-"""The classes of components that cannot be compiled, for which a notice has been printed."""
+_ONLY_PYTHON: set[tuple[type, type]] = set()
+"""The classes of components, and of rows of their values, of which a notice has been printed."""
 
 
 @kernel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
@@ -11,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Le, Lt, MaxLen, MinLen
 
 from desim_uav.model.asking import NO_MORE_US, RowDemand, ask_for_mix
-from desim_uav.model.demand import PAPER_MIX, Nothing, Weight
+from desim_uav.model.demand import PAPER_MIX, Nothing, Weight, too_few
 from desim_uav.model.kernels import rule
 from desim_uav.model.rows import Table
 from desim_uav.model.rules import US
@@ -114,12 +115,22 @@ class DayProfile(RowDemand):
 
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
         """Return the mean number of arrivals in an episode, of requests or of nothing."""
+        return users * (1.0 + self._arrivals_of_a_user(horizon_s))
+
+    def doubts(self, users: int, horizon_s: float) -> Iterator[str]:
+        """Yield whether hardly any request is made in an episode, at its hours of the day."""
+        hours = f"from begins_at_h: {self.begins_at_h:g} to {self.begins_at_h + horizon_s / 3600:g}"
+        for doubt in too_few((1.0 - self.none) * users * self._arrivals_of_a_user(horizon_s)):
+            yield f"{doubt}, {hours} h"
+
+    def _arrivals_of_a_user(self, horizon_s: float) -> float:
+        """Return the mean number of arrivals of a user in an episode."""
         means = []
         for k in range(len(self.profiles)):
             own = self.pieces, int(self.firsts[k]), int(self.firsts[k + 1])
             end = passed_at(*own, self.begins_s + horizon_s)
             means.append(end - passed_at(*own, self.begins_s))
-        return users * (1.0 + math.fsum(means) / len(means))
+        return math.fsum(means) / len(means)
 
 
 # ---- the integral of the rate, and its inverse

@@ -48,6 +48,10 @@ class ByEvent:
 
 
 @kernel
-def discount_of(gamma: float, share: float) -> float:
-    """Return the discount of the time between two decision epochs, a share of a step."""
-    return float(gamma**share)
+def discount_of(gamma: float, steps: float) -> float:
+    """Return the discount of what follows a transition that has lasted so many steps.
+
+    ``gamma`` is the discount of a step. By clock each transition lasts for a step, and its discount
+    is exactly ``gamma``. By event, the transition is one of a semi-Markov decision process.
+    """
+    return float(gamma**steps)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol
@@ -10,17 +10,23 @@ from typing import Annotated, Any, ClassVar, Protocol
 import numpy as np
 from annotated_types import Ge, Le
 
+from desim_uav.errors import SimulationError
 from desim_uav.model.asking import (
+    BANDWIDTH_BPS,
+    DUE_US,
+    MOST_BPS,
+    MOST_REQUIRED,
     NO_MORE_US,
     REQUIRED_US,
     Requests,
     RowDemand,
     ask_for_mix,
 )
+from desim_uav.model.components import kind_of
 from desim_uav.model.rules import US
 from desim_uav.model.services import Catalogue
 from desim_uav.model.streams import Purpose, Seeds, Streams, exponential_us, seed_of_each
-from desim_uav.model.traces import index, quantity, read_table
+from desim_uav.model.traces import LARGEST, index, quantity, read_table
 from desim_uav.registry import did_you_mean, register
 
 
@@ -46,6 +52,9 @@ Nothing = Annotated[float, Ge(0), Le(0.999)]
 
 SHORTEST_S, LONGEST_S = 0.001, 1e9
 """Think times are at least a millisecond on average, so that time passes from draw to draw."""
+
+FEWEST = 0.1
+"""If fewer requests than this are expected in an episode, they are hardly meant."""
 
 PAPER_MIX = {"throughput": 0.5, "edge_computing": 0.25, "data_gathering": 0.15}
 
@@ -163,6 +172,10 @@ class Poisson(RowDemand):
         """Return the mean number of arrivals in an episode, of requests or of nothing."""
         return users * (1.0 + horizon_s * self.rate_per_hour / 3600.0)
 
+    def doubts(self, users: int, horizon_s: float) -> Iterator[str]:
+        """Yield whether hardly any request is made in an episode."""
+        yield from too_few((1.0 - self.none) * users * horizon_s * self.rate_per_hour / 3600.0)
+
 
 @register("demand", "trace")
 @dataclass(frozen=True)
@@ -171,6 +184,12 @@ class Trace:
 
     file: Path
     """The CSV file, relative to the scenario's file."""
+    later: ClassVar = ("begin_s",)
+
+    begin_s: Annotated[float, Ge(0), Le(LARGEST)] = 0.0
+    """The time of the recording at which an episode begins, in seconds. Requests before it are left
+    out, and so are those at or after the end of the episode.
+    """
     draws: ClassVar = False
 
     def __post_init__(self) -> None:
@@ -193,6 +212,38 @@ class Trace:
                 )
         return found
 
+    def doubts(self, users: int, horizon_s: float) -> Iterator[str]:
+        """Yield how many requests an episode leaves out that lasts so long."""
+        times_us = [self._due_us(t_s) for _, t_s, *_ in self._table()]
+        left_out = sum(not 0 <= due < round(horizon_s * US) for due in times_us)
+        if not times_us:
+            yield f"{self.file}: it has no requests"
+        elif left_out:
+            yield (
+                f"{self.file}: {left_out} of {len(times_us)} requests are left out, because they "
+                f"are not made within an episode: from begin_s: {self.begin_s:g} to before "
+                f"{self.begin_s + horizon_s:g} s"
+            )
+
+    def summary(self, users: int, horizon_s: float) -> str:
+        """Return in words who makes requests in the recording, and when."""
+        rows = self._table()
+        if not rows:
+            return f"{self.file.name}: no requests"
+        times_s = [t_s for _, t_s, *_ in rows]
+        return (
+            f"{self.file.name}: {len(rows)} requests of {len({row[0] for row in rows})} users; "
+            f"{min(times_s):g} to {max(times_s):g} s, of which an episode has {self.begin_s:g} to "
+            f"{self.begin_s + horizon_s:g} s"
+        )
+
+    def largest_kbps(self) -> Mapping[str, float]:
+        """Return the largest bandwidth that is asked for by each service."""
+        found: dict[str, float] = {}
+        for _, _, service, _, kbps, _ in self._table():
+            found[service] = max(kbps, found.get(service, 0.0))
+        return found
+
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
         """Return the number of recorded requests."""
         return len(self._table())
@@ -200,16 +251,20 @@ class Trace:
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int
     ) -> Requests:
-        """Return the recorded requests before the horizon, which are the same in every episode."""
+        """Return the recorded requests of an episode, which are the same in every episode."""
         by_user: list[list[tuple[int, int, int, int]]] = [[] for _ in range(users)]
         for user, t_s, service, required_s, kbps, _ in self._table():
-            due = round(t_s * US)
-            if due < horizon_us:
+            due = self._due_us(t_s)
+            if 0 <= due < horizon_us:
                 required_us, bps = round(required_s * US), round(kbps * 1000)
                 by_user[user].append((due, services.names.index(service), required_us, bps))
         rows = [row for own in by_user for row in sorted(own)]
         offsets = np.cumsum([0, *map(len, by_user)])
         return Requests(np.array(rows, np.int64).reshape(-1, 4), offsets, after_previous=False)
+
+    def _due_us(self, t_s: float) -> int:
+        """Return the time in an episode at a time of the recording."""
+        return round(t_s * US) - round(self.begin_s * US)
 
     def _table(self) -> list[tuple[Any, ...]]:
         columns: dict[str, Callable[[str], Any]] = {
@@ -222,6 +277,12 @@ class Trace:
         return read_table(self.file, columns)
 
 
+def too_few(requests: float) -> Iterator[str]:
+    """Yield that hardly any request is made in an episode, if so few are expected."""
+    if requests < FEWEST:
+        yield f"only {requests:.2g} requests are expected in an episode, of all users together"
+
+
 def requests_of(
     demand: Demand,
     users: int,
@@ -230,7 +291,33 @@ def requests_of(
     episodes: Sequence[int],
     horizon_us: int,
 ) -> Sequence[Requests]:
-    """Return the requests of several episodes by a model that is not over rows."""
+    """Return the requests of several episodes by a model that is not over rows.
+
+    Raises SimulationError if a number of them cannot be counted.
+    """
     own = zip(seed_of_each(seeds, episodes), episodes, strict=True)
     streams = [Streams(seed, Purpose.DEMAND, episode) for seed, episode in own]
-    return [demand.requests(users, services, each, horizon_us) for each in streams]
+    return [
+        _counted(demand, demand.requests(users, services, each, horizon_us)) for each in streams
+    ]
+
+
+def _counted(demand: Demand, requests: Requests) -> Requests:
+    """Return these requests. Raises SimulationError if sums of their numbers need over 64 bits."""
+    for column, (name, least, most) in LIMITS.items():
+        values = requests.rows[:, column]
+        wrong = np.flatnonzero((values < least) | (values > most))
+        if len(wrong):
+            raise SimulationError(
+                f"demand: {kind_of(demand)!r}: request {wrong[0]}: {name} is {values[wrong[0]]}, "
+                f"which must be from {least} to {most}"
+            )
+    return requests
+
+
+LIMITS = {
+    DUE_US: ("its time in µs", 0, MOST_REQUIRED),
+    REQUIRED_US: ("what it requires, in µs or millionths of a bit,", 1, MOST_REQUIRED),
+    BANDWIDTH_BPS: ("its bandwidth in bit/s", 0, MOST_BPS),
+}
+"""The range of each column of a table of requests, by its number."""

@@ -97,15 +97,17 @@ def level_index(z_m: float, lowest_m: float, step_m: float, levels: int) -> int:
 
 
 def altitudes(
-    min_altitude_m: float, step_m: float, tallest_m: float
+    min_altitude_m: float, step_m: float, tallest_m: float, max_altitude_m: float | None = None
 ) -> tuple[tuple[float, ...], int]:
     """Return the levels of a 3D map in metres, and how many of them are under the ceiling.
 
-    The levels are ``min_altitude_m + k step_m``, none above the tallest building; the lowest
-    always exists. One more, the first above the tallest building, is for drones without a ceiling.
+    The levels are ``min_altitude_m + k step_m``, none above the tallest building, or above
+    ``max_altitude_m`` if that is higher; the lowest always exists. If none is above the tallest
+    building, one more, the first above it, is for drones without a ceiling.
     """
     levels = [min_altitude_m]
-    while min_altitude_m + len(levels) * step_m <= tallest_m:
+    highest_m = max(tallest_m, max_altitude_m or 0.0)
+    while min_altitude_m + len(levels) * step_m <= highest_m:
         levels.append(min_altitude_m + len(levels) * step_m)
     under_ceiling = len(levels)
     if levels[-1] <= tallest_m:

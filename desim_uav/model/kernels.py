@@ -23,6 +23,7 @@ from numba.extending import overload, register_jitable
 
 from desim_uav.model.code_digest import RULES, STANDS_IN, code_digest
 from desim_uav.model.numba_parts import (
+    VERSIONS,
     WITHOUT_COUNTING,
     FunctionCache,
     InnerCompiler,
@@ -30,8 +31,11 @@ from desim_uav.model.numba_parts import (
     dumps,
     keep_in,
     let_kernels_call,
+    settings,
 )
+from desim_uav.model.value_text import Text, UndescribedError
 from desim_uav.notices import notice
+from desim_uav.regular_file import content_of, new_file
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -53,7 +57,13 @@ NOWHERE = (
     "{folder} nor your cache folder can be written; set NUMBA_CACHE_DIR to a folder that can be"
 )
 
+NOT_KEPT = (
+    "compiled code of {name!r} is not kept on disk, and is compiled anew in each process, because "
+    "it depends on a value whose changes cannot be detected: {value}"
+)
+
 CHECKSUM = hashlib.sha256().digest_size
+MOST_BYTES = 2**30
 
 
 def kernel(function: F) -> F:
@@ -182,19 +192,30 @@ class CodeFile:
         self._compiled = compiled
 
     @cached_property
-    def origin(self) -> bytes:
-        """The digest of code, options and compiler, which is computed at the first call."""
-        digest = code_digest(self._compiled.py_func)
-        options = self._compiled.targetoptions
-        return hashlib.sha256(repr((digest, options, numba.__version__)).encode()).digest()
+    def origin(self) -> bytes | None:
+        """The digest of code, options and compiler, which is computed at the first call.
+
+        It is None, with a notice, if the code depends on a value that cannot be described.
+        """
+        function, options = self._compiled.py_func, self._compiled.targetoptions
+        try:
+            parts = code_digest(function), Text().of(options), *VERSIONS, *settings()
+        except UndescribedError as error:
+            if multiprocessing.parent_process() is None:  # the parent prints it for all
+                name = function.__qualname__.replace("<locals>.", "")
+                _say_once(str(error), NOT_KEPT.format(name=name, value=error))
+            return None
+        return hashlib.sha256(repr(parts).encode()).digest()
 
     def read(self) -> dict[Any, bytes]:
-        """Return the compiled signatures, or none if they have another origin.
+        """Return the compiled signatures, or none if they have another origin, or an unknown one.
 
         Raises ValueError if the file is damaged.
         """
+        if self.origin is None:
+            return {}
         try:
-            content = self.path.read_bytes()
+            content = content_of(self.path, MOST_BYTES)
         except FileNotFoundError:
             return {}
         checksum, rest = content[:CHECKSUM], content[CHECKSUM:]
@@ -205,22 +226,26 @@ class CodeFile:
 
     def load(self, key: Any) -> Any:
         """Return the object that was saved under a key, or None."""
+        vars(self).pop("origin", None)  # a value may have changed since the last signature
         found = self.read().get(key)
         return None if found is None else pickle.loads(found)
 
     def save(self, key: Any, data: Any) -> None:
         """Save an object under a key; the other keys stay as they are."""
-        self._write({**self.read(), key: dumps(data)})
+        if self.origin is not None:
+            self._write(self.origin, {**self.read(), key: dumps(data)})
 
     def flush(self) -> None:
         """Remove all signatures from the file."""
-        self._write({})
+        if self.origin is not None:
+            self._write(self.origin, {})
 
-    def _write(self, signatures: dict[Any, bytes]) -> None:
-        rest = self.origin + dumps(signatures)
+    def _write(self, origin: bytes, signatures: dict[Any, bytes]) -> None:
+        rest = origin + dumps(signatures)
         draft = self.path.with_name(f"{self.path.name}.{uuid4().hex[:16]}")
         try:
-            draft.write_bytes(hashlib.sha256(rest).digest() + rest)
+            with new_file(draft) as file:
+                file.write(hashlib.sha256(rest).digest() + rest)
             draft.replace(self.path)
         except BaseException:
             draft.unlink(missing_ok=True)

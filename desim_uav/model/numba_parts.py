@@ -8,11 +8,15 @@ from __future__ import annotations
 from typing import Any
 
 import llvmlite.ir
+import numba
+import numpy as np
 from numba.core import caching, serialize
 from numba.core import cgutils as _cgutils
 from numba.core import codegen as _codegen
 from numba.core import compiler as _compiler
 from numba.core import types as _types
+from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
 from numba.core.typing import templates as _templates
 from numba.np import arrayobj as _arrayobj
 
@@ -32,6 +36,20 @@ WITHOUT_COUNTING: dict[str, Any] = {"_nrt": False}
 of each kernel: on disk it is the same whether Python has called it first, or another kernel."""
 
 
+VERSIONS = (numba.__version__, llvmlite.__version__, np.__version__)
+"""The versions of the packages by which functions are compiled."""
+
+SETTINGS = (
+    *("OPT", "BOUNDSCHECK", "DEBUGINFO_DEFAULT", "EXTEND_VARIABLE_LIFETIMES", "LOOP_VECTORIZE"),
+    *("SLP_VECTORIZE", "USING_SVML", "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS", "DEBUG_NRT"),
+)
+
+
+def settings() -> list[str]:
+    """Return the settings of Numba (``NUMBA_OPT`` and so on) that machine code depends on."""
+    return [f"{name} {getattr(numba.config, name, None)!s}" for name in SETTINGS]
+
+
 def keep_in(cache: Any, compiled: Any) -> None:
     """Let a compiled function keep its machine code in a cache."""
     compiled._cache = cache
@@ -45,6 +63,26 @@ def let_kernels_call(inner: Any, compiled: Any) -> None:
 def cache_of(compiled: Any) -> Any:
     """Return the cache of a compiled function."""
     return compiled._cache
+
+
+def is_compiled(value: Any) -> bool:
+    """Return whether a value is a function with a decorator of Numba, and not another object."""
+    return isinstance(value, Dispatcher | _Intrinsic)
+
+
+def name_of_type(value: Any) -> str:
+    """Return the full name of a type of compiled code or LLVM, or "" if there is none."""
+    if not isinstance(value, _types.Type | llvmlite.ir.Type | llvmlite.ir.Constant):
+        return ""
+    name = str(getattr(value, "name", value))
+    return "" if "jitclass" in name or " at 0x" in name else name
+
+
+def overloads_of(function: Any) -> list[tuple[Any, Any]]:
+    """Return the functions that compile in the place of a function, each with its options."""
+    known = [kind for value, kind in _templates.builtin_registry.globals if value is function]
+    templates = [one for kind in known for one in getattr(kind, "templates", ())]
+    return [(one._overload_func, one._jit_options) for one in templates]
 
 
 def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:

@@ -29,6 +29,12 @@ from desim_uav.model.propulsion.rotary_wing import (
 from desim_uav.model.rules import US
 from desim_uav.registry import NameOr, register
 
+LONGEST_US = 2**60
+"""No battery lasts longer, in microseconds."""
+
+NEAR_US = 1024
+"""A search takes single steps up to so many microseconds from where it begins."""
+
 
 @register("battery", "rotary_wing")
 @dataclass(frozen=True)
@@ -118,19 +124,19 @@ class RotaryWing(RowEnergy):
     def lasts(self, flight: Any, battery_us: int) -> int:
         """Return the time until the energy used reaches the battery, rounded up to a microsecond.
 
-        The energy rises with time, so that the microsecond is found by halving an interval. The
-        time of a hover, which may be the rest after a flight, follows from a division.
+        The energy rises with time, so that the microsecond is found by halving an interval. That of
+        a hover, which may be the rest after a flight, is next to the result of a division.
         """
-        duration_us = int(flight.duration_us)
-        used = used_uj(self, flight, duration_us)
+        least_us, most_us = -1, int(flight.duration_us)
+        used = used_uj(self, flight, most_us)
         if used < battery_us:
-            lasts_us = duration_us + int((battery_us - used) / hovering_w(self, flight))
-            while used_uj(self, flight, lasts_us) < battery_us:
-                lasts_us += 1
-            while used_uj(self, flight, lasts_us - 1) >= battery_us:
-                lasts_us -= 1
-            return lasts_us
-        least_us, most_us = -1, duration_us
+            rests_us = (battery_us - used) / hovering_w(self, flight)
+            near_us = most_us + int(min(rests_us, LONGEST_US))
+            least_us, most_us = near_us - 1, near_us
+            while used_uj(self, flight, most_us) < battery_us and most_us < LONGEST_US:
+                least_us, most_us = most_us, most_us + 1 + (most_us - near_us) // NEAR_US
+            while used_uj(self, flight, least_us) >= battery_us:
+                least_us, most_us = least_us - 1 - (near_us - least_us) // NEAR_US, least_us
         while most_us - least_us > 1:
             middle_us = (least_us + most_us) // 2
             if used_uj(self, flight, middle_us) < battery_us:

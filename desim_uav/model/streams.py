@@ -80,6 +80,9 @@ def uniforms_of(
     return uniforms(states.reshape(-1, 4), count).reshape(len(episodes), entities, count)
 
 
+FAR_US = 2.0**61
+"""The longest time that is drawn, in microseconds: two of them still fit in 64 bits."""
+
 _LOW = np.uint64(0xFFFFFFFF)
 _SHIFT = np.uint64(16)
 
@@ -251,9 +254,10 @@ def apart(stream: Any) -> None:
 def exponential_us(stream: Any, mean_s: float) -> int:
     """Return an exponential time in whole microseconds, which takes one number of a stream.
 
-    Rounding hides differences of logarithms between platforms, which are in their last bit.
+    Rounding hides differences of logarithms between platforms, which are in their last bit. The
+    time is at most 2^61 microseconds, which is longer than any episode.
     """
-    return int(np.rint(-math.log1p(-uniform(stream)) * mean_s * 1e6))
+    return int(min(np.rint(-math.log1p(-uniform(stream)) * mean_s * 1e6), FAR_US))
 
 
 @rule

@@ -2,23 +2,25 @@
 
 The file is XML: ``<timestep time="0.00"><vehicle id="a" x="1.0" y="2.0" …/></timestep>``, with
 ``<person …/>`` for pedestrians. Document types and entities are refused, so a file can neither name
-another one nor grow while it is read.
+another one nor grow while it is read. SUMO writes its settings into a comment; a file that was
+written with ``fcd-output.geo``, whose positions are degrees, is refused by it.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers import expat
 
-from desim_uav.model.traces import Version, bytes_of, quantity, version_of
+from desim_uav.model.traces import Version, bytes_of, coordinate, quantity, version_of
 
-ROOT, STEP, MOVERS = "fcd-export", "timestep", ("vehicle", "person")
+ROOT, STEP, MOVERS, FREIGHT = "fcd-export", "timestep", ("vehicle", "person"), "container"
 
 _TAG = re.compile(rb"\s*<")
+_IN_DEGREES = re.compile(r'<fcd-output\.geo\s+value="(true|1)"')
 
 
 class WayPoint(NamedTuple):
@@ -41,18 +43,26 @@ def _looks_like_xml(path: Path, version: Version) -> bool:
     return _TAG.match(bytes_of(path).removeprefix(b"\xef\xbb\xbf")) is not None
 
 
-def read_fcd(path: Path) -> list[WayPoint]:
-    """Return the way points of an FCD file, in its order. Raises ValueError with file and line."""
-    return list(_read_fcd(path, version_of(path)))
+class Fcd(NamedTuple):
+    """The way points of an FCD file, in its order, and the number of its containers."""
+
+    way_points: list[WayPoint]
+    containers: int
+
+
+def read_fcd(path: Path) -> Fcd:
+    """Return what an FCD file records. Raises ValueError with file and line."""
+    return _read_fcd(path, version_of(path))
 
 
 @lru_cache(maxsize=16)
-def _read_fcd(path: Path, version: Version) -> list[WayPoint]:
+def _read_fcd(path: Path, version: Version) -> Fcd:
     reader = _Reader(path)
     parser = expat.ParserCreate()
     reader.parser = parser
     parser.StartDoctypeDeclHandler = reader.refuse
     parser.EntityDeclHandler = reader.refuse
+    parser.CommentHandler = reader.comment
     parser.StartElementHandler = reader.begin
     parser.EndElementHandler = reader.end
     try:
@@ -60,7 +70,7 @@ def _read_fcd(path: Path, version: Version) -> list[WayPoint]:
     except expat.ExpatError as error:
         why = expat.ErrorString(error.code)
         raise ValueError(f"{path}:{error.lineno}: it is not well-formed XML: {why}") from error
-    return reader.found
+    return Fcd(reader.found, len(reader.containers))
 
 
 class _Reader:
@@ -71,6 +81,7 @@ class _Reader:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.found: list[WayPoint] = []
+        self.containers: set[str | None] = set()
         self.open: list[str] = []
         self.t_s = 0.0
 
@@ -78,16 +89,26 @@ class _Reader:
         """Raise ValueError for a document type or an entity."""
         raise self._error("a document type or entity is not allowed")
 
+    def comment(self, text: str) -> None:
+        """Raise ValueError if SUMO's settings, in a comment, say that positions are degrees."""
+        if _IN_DEGREES.search(text):
+            raise self._error(
+                "its positions are longitudes and latitudes in degrees (SUMO's option "
+                "--fcd-output.geo); write it without this option, so that they are in metres"
+            )
+
     def begin(self, tag: str, attributes: Mapping[str, str]) -> None:
         """Begin an element: a time step, or somebody in one."""
         if not self.open and tag != ROOT:
             raise self._error(f"<{tag}>: expected <{ROOT}>, as SUMO's option --fcd-output writes")
         if tag == STEP:
             self.t_s = self._number(tag, attributes, "time")
+        elif tag == FREIGHT:
+            self.containers.add(attributes.get("id"))
         elif tag in MOVERS:
             if self.open[-1:] != [STEP]:
                 raise self._error(f"<{tag}>: expected within <{STEP}>")
-            x_m, y_m = (self._number(tag, attributes, name) for name in ("x", "y"))
+            x_m, y_m = (self._number(tag, attributes, name, coordinate) for name in ("x", "y"))
             mover = f"{tag} {self._text(tag, attributes, 'id')!r}"
             self.found.append(WayPoint(mover, self.t_s, x_m, y_m, self._line))
         self.open.append(tag)
@@ -105,10 +126,16 @@ class _Reader:
             raise self._error(f"<{tag}> has no attribute {name!r}")
         return attributes[name]
 
-    def _number(self, tag: str, attributes: Mapping[str, str], name: str) -> float:
+    def _number(
+        self,
+        tag: str,
+        attributes: Mapping[str, str],
+        name: str,
+        parse: Callable[[str], float] = quantity,
+    ) -> float:
         text = self._text(tag, attributes, name)
         try:
-            return quantity(text)
+            return parse(text)
         except ValueError as error:
             raise self._error(f"{name}: {text!r}: {error}") from error
 

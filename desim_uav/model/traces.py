@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import math
 from collections.abc import Callable, Mapping
@@ -34,6 +35,14 @@ def quantity(text: str) -> float:
     return _bounded(number)
 
 
+def coordinate(text: str) -> float:
+    """Parse a number from -``LARGEST`` to ``LARGEST``."""
+    number = float(text)
+    if not abs(number) <= LARGEST:
+        raise ValueError(f"must be a finite number from {-LARGEST:,} to {LARGEST:,}")
+    return number
+
+
 def _bounded(number: N) -> N:
     if number < 0:
         raise ValueError("must be at least 0")
@@ -56,17 +65,13 @@ def read_table(path: Path, columns: Parsers, optional: Parsers | None = None) ->
     return list(_read_table(path, tuple(columns.items()), more, version_of(path)))
 
 
-Version = tuple[str, int, int]
-"""What distinguishes a file from what it was before: its path, time of change and size."""
+Version = tuple[str, str]
+"""What distinguishes a file from what it was before: its path, and the digest of its content."""
 
 
 def version_of(path: Path) -> Version:
-    """Return the present version of a file. Raises ValueError if there is none."""
-    try:
-        status = path.stat()
-    except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from error
-    return str(path.resolve()), status.st_mtime_ns, status.st_size
+    """Return the present version of a file. Raises ValueError if it cannot be read."""
+    return str(path.resolve()), hashlib.sha256(bytes_of(path)).hexdigest()
 
 
 def bytes_of(path: Path) -> bytes:

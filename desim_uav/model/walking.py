@@ -34,7 +34,7 @@ from desim_uav.model.components import (
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.kernels import part, rule
 from desim_uav.model.rows import Row, Table, View, attach, blank, held_by, place, row
-from desim_uav.model.streams import Stream, Streams, begin_stream
+from desim_uav.model.streams import FAR_US, Stream, Streams, begin_stream
 
 LEG_COLUMNS = 5
 
@@ -166,8 +166,8 @@ def from_here(mobility: Any) -> Any:
 
 @rule
 def later(t_us: int, seconds: float) -> int:
-    """Return a time some seconds later, and at least a microsecond."""
-    return t_us + max(int(np.rint(seconds * 1e6)), 1)
+    """Return a time some seconds later, and at least one and at most 2^61 microseconds."""
+    return t_us + max(int(min(np.rint(seconds * 1e6), FAR_US)), 1)
 
 
 @rule

@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-import numpy as np
-
 from desim_uav import array_file
 from desim_uav.errors import DesimError, PolicyError
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
+from desim_uav.policies.answers import commands_of
 from desim_uav.policies.function import Choice, Function
 from desim_uav.registry import FAULTS, did_you_mean, names, resolve, what_failed
 from desim_uav.scenario.schema import Scenario
@@ -129,17 +128,21 @@ def show(policy: Policy, engine: Engine) -> None:
         watch(engine)
 
 
-def decide(policy: Policy, shown: Snapshot) -> list[Any]:
-    """Return the policy's actions for a snapshot, in the order of the drones."""
-    return decide_by(policy, shown.observations, shown.masks)
+def decide(policy: Policy, shown: Snapshot, world: World) -> list[Any]:
+    """Return the policy's actions for a snapshot, in the order of the drones (``decide_by``)."""
+    return decide_by(policy, shown.observations, shown.masks, world)
 
 
 def decide_by(
-    policy: Policy, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
+    policy: Policy,
+    observations: Sequence[Observation],
+    masks: Sequence[Sequence[bool]],
+    world: World,
 ) -> list[Any]:
     """Return the policy's actions for what all drones observe, in their order.
 
-    Each is an index into ``World.actions`` or, in free flight, the numbers of a command.
+    Each is an index into ``World.actions`` or, in free flight, the numbers of a command. Raises
+    NoCommandError if the policy has answered anything else.
     """
     jointly = getattr(policy, "act_jointly", None)
     if jointly is not None:
@@ -147,7 +150,7 @@ def decide_by(
     else:
         seen = zip(observations, masks, strict=True)
         commands = [policy.act(observation, mask) for observation, mask in seen]
-    return [command if np.ndim(command) else int(command) for command in commands]
+    return commands_of(commands, world)
 
 
 def memory_of(policy: Policy) -> Any:

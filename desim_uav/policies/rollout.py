@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
-from desim_uav.policies.base import decide, decide_by, load_policy, policy_name, show
+from desim_uav.policies.base import decide, decide_by, file_of, load_policy, policy_name, show
 from desim_uav.policies.planning.options import Option, options_of, split_options
 from desim_uav.registry import register
 from desim_uav.world import World
@@ -49,7 +50,8 @@ class Rollout:
     def __init__(self, argument: str = "", base: Any = None, **settings: float) -> None:
         """Take the base and options as text, ``BASE+samples=8``, or by their names.
 
-        ``base`` may be any policy. Raises ValueError without a base and for a bad option, and
+        ``base`` may be any policy: for example a table or a network from a file, whose observation
+        the run then has. Raises ValueError without a base and for a bad option, and
         PolicyError if the base cannot be loaded or is a rollout itself.
         """
         name, text = split_options(argument) if base is None else ("", argument)
@@ -61,9 +63,20 @@ class Rollout:
             raise ValueError("the base of a rollout must not be a rollout or a clairvoyant")
         self.name = f"rollout:{argument}" if base is None else f"rollout:{policy_name(base)}"
         self._ground: Any = None
+        self.observation = getattr(self._base, "observation", None)
         seed = getattr(self._base, "world_seed", None)
         if seed is not None:
             self.world_seed: int = seed
+
+    @staticmethod
+    def file_of(argument: str) -> Path | None:
+        """Return the file from which the base is read, or None if it is not read from a file."""
+        return file_of(split_options(argument)[0])
+
+    def notice(self, world: World) -> str:
+        """Return the warning of the base, for example that it was trained in another world."""
+        said: str = getattr(self._base, "notice", lambda world: "")(world)
+        return said
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Let the base begin. Raises PolicyError if the scenario cannot be simulated."""
@@ -103,7 +116,7 @@ class Rollout:
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> list[int]:
         """Return the best command of each drone, in turn."""
-        chosen = decide_by(self._base, observations, masks)
+        chosen = decide_by(self._base, observations, masks, self._world)
         options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
         chosen = [self._safely(d, chosen[d], allowed) for d, allowed in enumerate(options)]
         if all(len(each) < 2 for each in options):
@@ -202,5 +215,5 @@ class Rollout:
         for _ in range(self.options["horizon"] - 1):
             if shown.terminated or shown.truncated:
                 break
-            shown = inner.step(decide(base, shown))
+            shown = inner.step(decide(base, shown, self._world))
         return score(inner, self.options["qoe1"])

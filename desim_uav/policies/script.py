@@ -12,6 +12,7 @@ from desim_uav.model.rules import Action, fastest_of, kind_of
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.model.traces import index, read_table
+from desim_uav.notices import notice
 from desim_uav.registry import did_you_mean, register
 from desim_uav.rules.decide import can_take
 from desim_uav.world import World
@@ -47,6 +48,7 @@ class Script:
         self.commands: dict[tuple[int, int], str] = {}
         self._given: dict[tuple[int, int], Given] = {}
         self._lines: dict[tuple[int, int], int] = {}
+        self._noticed = False
         for step, drone, action, *numbers, line in rows:
             at = step, drone
             if at in self.commands:
@@ -55,7 +57,11 @@ class Script:
             self._given[at] = dict(zip(NUMBERS, numbers, strict=True))
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Check the script. Raises PolicyError if it does not fit the scenario."""
+        """Check the script. Raises PolicyError if it does not fit the scenario.
+
+        The first time, print a notice if there are actions after the last step of an episode.
+        """
+        self._notice_late_actions(world)
         names = {a.name.lower(): k for a, k in fastest_of(world.actions).items()}
         names |= {action.name.lower(): k for k, action in enumerate(world.actions)}
         self._hover = names["hover"]
@@ -69,6 +75,16 @@ class Script:
             _check_name(world, own, action, drone, where)
             numbers = action == Action.FLY.name.lower()
             self._told[at] = _flight(own, self._given[at], where) if numbers else names[action]
+
+    def _notice_late_actions(self, world: World) -> None:
+        steps = world.scenario.episode.steps
+        late = [self._lines[at] for at in self.commands if at[0] >= steps]
+        if late and not world.by_event and not self._noticed:
+            notice(
+                f"warning: {self.file}:{min(late)}: {len(late)} of {len(self.commands)} actions "
+                f"are never taken: an episode has the steps 0 to {steps - 1}"
+            )
+        self._noticed = True
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
         """Return the command in the file, or "hover" if it has none for this step and drone."""

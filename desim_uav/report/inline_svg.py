@@ -9,7 +9,7 @@ from io import BytesIO
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-from desim_uav.report.figures.style import styled
+from desim_uav.report.figures.style import as_text, styled
 from desim_uav.report.markup import Html, tag, visible
 
 if TYPE_CHECKING:
@@ -38,8 +38,6 @@ LARGEST = 1_000_000
 LONGEST = 80
 """The largest number of characters of a text in a figure."""
 
-NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
 
 @styled
 def drawn(draw: Callable[[], Figure], label: str, number: int) -> Html:
@@ -56,7 +54,7 @@ def drawn(draw: Callable[[], Figure], label: str, number: int) -> Html:
         svg = _saved(figure, "svg")
         if len(svg) > LARGEST:
             return _points(figure, label)
-    return _inert(svg.decode(), label, f"f{number}-")
+    return _inert(as_text(svg), label, f"f{number}-")
 
 
 def _saved(figure: Figure, form: str) -> bytes:
@@ -76,7 +74,7 @@ def _points(figure: Figure, label: str) -> Html:
 
 def _inert(svg: str, label: str, prefix: str) -> Html:
     """Return an SVG with known elements and attributes only, its identifiers with a prefix."""
-    root = ElementTree.fromstring(NO_XML.sub("\ufffd", svg))
+    root = ElementTree.fromstring(svg)
     _clean(root, prefix)
     del root.attrib["width"], root.attrib["height"]
     root.set("role", "img")

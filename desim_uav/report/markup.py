@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -9,6 +10,9 @@ from typing import Any
 
 INVISIBLE = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 """Unicode categories of characters that could reorder, hide or break the text beside them."""
+
+UNUSUAL = re.compile("[^\n\t -~]")
+"""The characters that may be of these categories."""
 
 
 class Html(str):
@@ -21,13 +25,12 @@ def visible(text: str, longest: int | None = None) -> str:
     """Return a text, cut to ``longest``, with its invisible characters in hexadecimal."""
     if longest is not None and len(text) > longest:
         text = text[: longest - 1] + "…"
-    if text.isprintable():
-        return text
-    return "".join(_visible(character) for character in text)
+    return text if text.isprintable() else UNUSUAL.sub(_visible, text)
 
 
-def _visible(character: str) -> str:
-    if unicodedata.category(character) not in INVISIBLE or character in "\n\t":
+def _visible(found: re.Match[str]) -> str:
+    character = found[0]
+    if unicodedata.category(character) not in INVISIBLE:
         return character
     code = ord(character)
     return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"

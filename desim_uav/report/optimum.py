@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from desim_uav.errors import printable
+from desim_uav.notices import tell
 from desim_uav.report.text import print_table
 
 Row = tuple[str, str, str, str, str, Any]
@@ -44,11 +45,11 @@ def print_optimum(found: dict[str, Any]) -> None:
     print_table(table)
     for name, *_, policy in rows:
         if policy is not None:
-            print(f"{name}: {_itinerary(policy)}")
+            tell(f"{name}: {_itinerary(policy)}")
     if found["runs"] is not None:
-        print(runs_in_words(found["runs"]))
+        tell(runs_in_words(found["runs"]))
     if found["runs_refused"] is not None:
-        print(f"no bounds of runs: {printable(found['runs_refused'])}")
+        tell(f"no bounds of runs: {found['runs_refused']}")
 
 
 def optima(found: dict[str, Any]) -> Iterator[Row]:

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from desim_uav.errors import printable
+from desim_uav.notices import tell
 from desim_uav.report.intervals import NONE_FROM_ONE, have_single, mean_words
 
 PIPED_WIDTH = 200
@@ -68,12 +69,12 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     title = "{scenario}, {policy}, seed {seed}{world}: {episodes} episode(s), {crashes} crash(es)"
     _print("service", rows, title.format(**summary, world=in_world(summary)))
     if "link_handovers" in summary:
-        print(links_in_words(summary))
+        tell(links_in_words(summary))
     if "conflicts" in summary:
-        print(distances_in_words(summary))
+        tell(distances_in_words(summary))
     if "energy_wh" in summary:
-        print(energy_in_words(summary))
-    print(summary["run_dir"])
+        tell(energy_in_words(summary))
+    tell(summary["run_dir"])
 
 
 def in_world(summary: dict[str, Any]) -> str:
@@ -100,7 +101,7 @@ def print_fork(told: dict[str, Any]) -> None:
         cells = (_cell(told[name], key, signed + form) for key, (_, form) in FORKED.items())
         table.add_row(_text(shown), *cells)
     print_table(table)
-    print(told["run_dir"])
+    tell(told["run_dir"])
 
 
 BENCHED = (
@@ -163,13 +164,13 @@ def energy_in_words(summary: dict[str, Any]) -> str:
 
 def print_training(summary: dict[str, Any]) -> None:
     """Print the result of a training: the means of its last episodes, and the policy's file."""
-    print(
+    tell(
         "{scenario}, {algorithm}, seed {seed}: {episodes} episode(s); over the last "
         "{over_last}:".format(**summary)
     )
     for name in (*TRAINED, "crashes_per_drone_episode"):
-        print(f"  {name:26s} {_value_text(summary[name])}")
-    print(summary["policy"])
+        tell(f"  {name:26s} {_value_text(summary[name])}")
+    tell(summary["policy"])
 
 
 def word(value: Any) -> str:
@@ -182,7 +183,7 @@ def word(value: Any) -> str:
 def print_summary(summary: dict[str, Any]) -> None:
     """Print each measure on a line of its own."""
     for name, value in summary.items():
-        print(f"{name:22s} {_value_text(value)}")
+        tell(f"{name:22s} {_value_text(value)}")
 
 
 def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
@@ -200,9 +201,9 @@ def print_comparison(found: dict[str, Any]) -> None:
     for row in found["differences"]:
         if not row["seeds"]:
             named = f"{row['policy']} and {row['against']}"
-            print(f"{printable(named)} have no seed and world in common")
+            tell(f"{named} have no seed and world in common")
     if have_single(found["policies"] + found["differences"]):
-        print(NONE_FROM_ONE)
+        tell(NONE_FROM_ONE)
 
 
 def print_sweep(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

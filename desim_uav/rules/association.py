@@ -2,9 +2,10 @@
 
 A level is the received power of a drone, without interference. A rival is a drone that covers a
 user who is attached to another one. It is better if its level exceeds that of the user's drone by
-``Constants.margin_db`` or more; if it has been so for ``Constants.trigger_us`` without a break, the
-user is handed over to it. If both are 0, the user is always attached to the drone with the highest
-level, of several the one with the lowest index.
+more than ``Constants.margin_db``; if it has been so for ``Constants.trigger_us`` without a break,
+the user is handed over to it. If both are 0, the user is always attached to the drone with the
+highest level, of several the one with the lowest index. Levels that differ by rounding are equal
+(``model.radio.links.EQUAL_DB``).
 """
 
 from __future__ import annotations
@@ -19,14 +20,18 @@ from desim_uav.rules.rows import Constants, Path, State, User
 
 @rare_rule
 def settle_levels(world: Constants, path: Path, state: State, phase: int) -> None:
-    """Attach loose users to the drones that they receive best, and look at all unsettled users."""
-    for k in range(len(state.loose)):
-        user = state.users[state.loose[k]]
+    """Attach loose users to the drones that they receive best, and hand others over.
+
+    All of them are ``unsettled``: their drones have changed, or something is due for them now.
+    """
+    for k in range(len(state.unsettled)):
+        user, taken = state.users[state.unsettled[k]], False
         if user.holder < 0 and user.covered > 0:
             _take(world, state, strongest(world, path, state, user, False), user, phase)
-    for k in range(len(state.unsettled)):
-        user = state.users[state.unsettled[k]]
-        await_better(world, path, state, user, phase)
+            taken = True
+        elif user.holder >= 0 and user.turns_us == state.now_us:
+            taken = _turn(world, path, state, user, phase)
+        _await_better(world, path, state, user, taken, phase)
         user.unsettled = 0
     state.unsettled.clear()
 
@@ -67,10 +72,10 @@ def passes_us(
     better: int,
     margin_db: float,
 ) -> int:
-    """Return when the level of drone ``one`` exceeds that of ``other`` by a margin, or ceases to.
+    """Return when the level of ``one`` reaches that of ``other`` plus a margin, or falls below it.
 
-    ``better`` says that it does until now, with which the levels at this very instant may already
-    disagree. The time is NEVER if nothing changes while both drones' legs are known
+    ``better`` says that it has reached it until now, with which the levels at this very instant may
+    already disagree. The time is NEVER if nothing changes while both drones' legs are known
     (``known_until_us``).
     """
     own = (world, path, state, user, one, other, better, margin_db)
@@ -84,18 +89,20 @@ def known_until_us(state: State, one: int, other: int) -> int:
 
 
 @rule
-def await_better(world: Constants, path: Path, state: State, user: User, phase: int) -> None:
+def _await_better(
+    world: Constants, path: Path, state: State, user: User, taken: bool, phase: int
+) -> None:
     """Schedule what happens next to the levels that a user receives.
 
-    What is due at this very instant happens immediately, and is logged under ``phase``.
+    What is due at this very instant happens immediately, and is logged under ``phase``. But a user
+    who has been ``taken`` by a drone in this phase stays there for a microsecond.
     """
     for _ in range(2 * len(state.senders)):
         next_us = _foresee(world, path, state, user)
-        if next_us != state.now_us:
+        if next_us != state.now_us or (taken and _takes_over(world, state, user)):
             break
-        turn(world, path, state, user, phase)
+        taken = _turn(world, path, state, user, phase) or taken
     if user.turns_us < words.NEVER:
-        # Rounding may put drones of equal levels into no order: a user waits for a microsecond.
         turns_us = max(user.turns_us, state.now_us + 1)
         place = key(words.ATTACHMENT, user.rival, user.index)
         due(state, association_slot(state, user.index), turns_us, place)
@@ -110,37 +117,50 @@ def _foresee(world: Constants, path: Path, state: State, user: User) -> int:
         if user.covering[d] < 0 or user.holder < 0 or d == user.holder:
             user.better_since[d] = -1
             continue
-        if world.margin_db > 0.0 or world.trigger_us > 0:
-            since_us = user.better_since[d]
-            better, margin_db = int(since_us >= 0), world.margin_db
-            at_us = passes_us(world, path, state, user, d, user.holder, better, margin_db)
-            if since_us >= 0 and since_us + world.trigger_us < at_us:
-                at_us = since_us + world.trigger_us
-        else:  # of two equal levels, that of the drone with the lower index counts as higher
-            low, high = min(d, user.holder), max(d, user.holder)
-            held = int(low == user.holder)
-            at_us = passes_us(world, path, state, user, low, high, held, 0.0)
+        # The first of two drones is preferred if their levels are equal.
+        since_us, one, other = user.better_since[d], user.holder, d
+        preferred = int(since_us < 0)
+        if not _lasts(world):
+            one, other = min(d, user.holder), max(d, user.holder)
+            preferred = int(one == user.holder)
+        at_us = passes_us(world, path, state, user, one, other, preferred, -world.margin_db)
+        if since_us >= 0 and since_us + world.trigger_us < at_us:
+            at_us = since_us + world.trigger_us
         if at_us < user.turns_us and at_us <= known_until_us(state, d, user.holder):
             user.turns_us, user.rival = at_us, d
     return user.turns_us
 
 
+@rule
+def _lasts(world: Constants) -> bool:
+    """Return whether rivals have to be better by a margin or for a time."""
+    return bool(world.margin_db > 0.0 or world.trigger_us > 0)
+
+
+@rule
+def _takes_over(world: Constants, state: State, user: User) -> bool:
+    """Return whether a user's rival, for which something is due now, takes the user over."""
+    since_us = user.better_since[user.rival]
+    return not _lasts(world) or (since_us >= 0 and state.now_us >= since_us + world.trigger_us)
+
+
 @rare_rule
-def turn(world: Constants, path: Path, state: State, user: User, phase: int) -> None:
+def _turn(world: Constants, path: Path, state: State, user: User, phase: int) -> bool:
     """Let a user's rival become better now, cease to be, or take the user over.
 
-    Of several that may take it over now, the strongest does.
+    Of several that may take it over now, the strongest does. Returns whether the user has changed
+    drones. Nothing happens if the rival no longer covers the user.
     """
-    rival, lasts = user.rival, world.margin_db > 0.0 or world.trigger_us > 0
-    since_us = user.better_since[rival]
-    if lasts and since_us < 0:
-        user.better_since[rival] = state.now_us
-    elif lasts and state.now_us < since_us + world.trigger_us:
-        user.better_since[rival] = -1
-    else:
-        rival = strongest(world, path, state, user, True)
-        detach(state, state.senders[user.holder], user, phase)
-        _take(world, state, rival, user, phase)
+    if user.covering[user.rival] < 0:
+        return False
+    if not _takes_over(world, state, user):
+        since_us = user.better_since[user.rival]
+        user.better_since[user.rival] = state.now_us if since_us < 0 else -1
+        return False
+    rival = strongest(world, path, state, user, True)
+    detach(state, state.senders[user.holder], user, phase)
+    _take(world, state, rival, user, phase)
+    return True
 
 
 @rule

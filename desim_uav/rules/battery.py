@@ -10,7 +10,7 @@ from desim_uav.model.kernels import rule
 from desim_uav.rules.due import depletion_slot, due, key, undo
 from desim_uav.rules.rows import Constants, Drone, State, TypeRow
 from desim_uav.rules.transits import flight_of
-from desim_uav.rules.words import CHARGING, DEPLETION, FLYING, RETURNING
+from desim_uav.rules.words import CHARGING, DEPLETION, FLYING, NEVER, RETURNING
 
 # ---- what a drone's type says
 
@@ -56,8 +56,9 @@ def return_below_of(world: Constants, drone: Drone) -> int:
 
 @rule
 def until_full_us(world: Constants, drone: Drone) -> int:
-    """Return for how long a drone has to charge until its battery is full."""
-    return call_for_int(world.until_full_us, (world, drone.battery_us, capacity_of(world, drone)))
+    """Return for how long a drone has to charge until its battery is full, at most until NEVER."""
+    held, capacity = drone.battery_us, capacity_of(world, drone)
+    return min(call_for_int(world.until_full_us, (world, held, capacity)), NEVER)
 
 
 @rule

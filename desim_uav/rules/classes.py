@@ -125,7 +125,7 @@ def _pass(world: Constants, state: State, drone: Drone, user: User, phase: int) 
     """Log that a link has passed to another class, and adapt the user's request to it."""
     note_class(state, phase, ON_CLASS, drone, user)
     if user.holder == drone.index and user.request.number >= 0:
-        regrade(world, state, drone, user, phase)
+        regrade(world, state, drone, user)
 
 
 @rule
@@ -140,7 +140,7 @@ def _enter(state: State, drone: Drone, user: User, phase: int) -> None:
     if user.request.number >= 0:
         drone.asking[user.request.service] += 1
     if state.keeps_links:
-        end_outage(state, user)
+        end_outage(state, user, phase)
         unsettle(state, user)
     if user.holder < 0:
         state.loose.append(user.index)

@@ -28,6 +28,8 @@ def forget_credit(drone: Drone) -> None:
     credit = drone.credit
     credit.held_us = credit.alone_us = credit.alone = credit.used = 0
     credit.served = credit.served_alone = 0.0
+    credit.step_held_us = credit.step_alone_us = credit.step_used = 0
+    credit.step_served = credit.step_served_alone = 0.0
 
 
 @rare_rule

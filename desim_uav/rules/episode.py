@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules import words
@@ -19,10 +21,13 @@ from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.points import serve_from_points, serve_on
 from desim_uav.rules.requests import close_all, doing, foresee_asking
+from desim_uav.rules.rewards import clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.separation import BEGINS, ENDS
+from desim_uav.rules.service import forget_request
 from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
+from desim_uav.rules.wide import clear
 
 
 @rule
@@ -74,16 +79,36 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     """Reset what belongs to an episode in a drone's row, but keep its leg, mode and battery."""
     drone.since_us -= state.now_us
     drone.until_us -= state.now_us
+    if drone.mode != words.FLYING or drone.until_us <= 0:
+        drone.until_us = drone.taken = 0
+    if drone.point >= 0:
+        drone.since_us = drone.until_us = 0
+    if not drone.fallen:
+        drone.fallen_x_m = drone.fallen_y_m = 0.0
     drone.respawns = drone.waits = drone.serving = drone.scan = 0
     drone.free_hz = world.radios[drone.radio].bandwidth_hz
-    drone.used_hz = drone.attached_users = 0
+    drone.used_hz = drone.attached_users = drone.command = drone.landed_in = drone.marked_us = 0
     drone.marked_until_us = -1
     drone.waiting.clear()
     drone.sharing.clear()
     drone.ahead.clear()
     for service in range(world.services):
         drone.served[service] = drone.asking[service] = 0
+    clear_terms(drone)
     forget_credit(drone)
+    _forget_commands(drone)
+
+
+@rule
+def _forget_commands(drone: Drone) -> None:
+    """Reset what the commands of the previous episode have left in a drone's course."""
+    course = drone.course
+    course.aim_x = course.aim_y = course.aim_z = course.aim_cruise = course.aim_charge = 0.0
+    course.blocked = 0
+    if drone.transit == words.REST:
+        course.limit_mps = math.inf if drone.off_grid and drone.point < 0 else 0.0
+    if drone.mode != words.RETURNING:
+        course.station = course.node = course.level = 0
 
 
 @rule
@@ -93,7 +118,8 @@ def _forget(state: State) -> None:
     state.epoch_us, state.next_us, state.share = 0, 0, 1.0
     state.opened = state.in_service = state.charges = state.crashes = state.suppressed = 0
     state.open_us = state.served_us = state.attached_us = state.attached_from_us = 0
-    state.queueing_us = state.bandwidth_us_hz = state.to_scan = state.faults = 0
+    state.queueing_us = state.to_scan = state.faults = 0
+    clear(state.bandwidth_us_hz)
     state.handed_over = state.ping_pongs = state.outages = state.outage_us = 0
     state.closed_qoe1 = state.distance_m = 0.0
     state.retunes = 0
@@ -106,10 +132,18 @@ def _forget(state: State) -> None:
     state.flown.clear()
     for service in range(len(state.open_requests)):
         state.open_requests[service] = 0
+    for k in range(len(state.rewards)):
+        state.rewards[k] = 0.0
+    for k in range(len(state.history)):
+        state.history[k] = 0
+    for k in range(len(state.aims)):
+        state.aims[k] = 0.0
     for u in range(len(state.users)):
         user = state.users[u]
-        user.holder = user.request.number = user.request.server = -1
+        user.holder = -1
+        user.held_since_us = user.doing = 0
         user.share = 0.0
+        forget_request(user.request)
         d = 0
         while user.covered > 0:  # the previous episode was not played to its end
             user.covered -= int(user.covering[d] >= 0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from desim_uav.model.kernels import rare_rule
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Drone, State, User
-from desim_uav.rules.words import ON_HANDOVER, ON_OUTAGE, ON_PING_PONG
+from desim_uav.rules.words import NEVER, ON_HANDOVER, ON_OUTAGE, ON_OUTAGE_END, ON_PING_PONG
 
 PING_PONG_US = 1_000_000
 """A user who is handed back within this time makes a ping-pong (3GPP TR 36.839: 1 s)."""
@@ -33,8 +33,10 @@ def count_handover(state: State, drone: Drone, user: User, phase: int) -> None:
 @rare_rule
 def forget_links(state: State, user: User) -> None:
     """Forget what is known of a user's links from the previous episode."""
-    user.left = user.left_us = user.came_from = user.outage_since_us = -1
-    user.unsettled = 0
+    user.left = user.left_us = user.came_from = -1
+    user.outage_since_us = user.outage_until_us = -1
+    user.outage_began_in = user.outage_ended_in = user.unsettled = user.came_us = 0
+    user.turns_us, user.rival = NEVER, -1
     for d in range(len(state.senders)):
         user.better_since[d] = -1
 
@@ -57,17 +59,44 @@ def unsettle_covered(state: State, drone: Drone) -> None:
 
 @rare_rule
 def begin_outage(state: State, user: User, phase: int) -> None:
-    """Begin an outage of a user who has an open request, but is in no footprint."""
-    if user.covered == 0 and user.request.number >= 0:
-        user.outage_since_us = state.now_us
-        note(state, phase, ON_OUTAGE, -1, user.index, user.request.number, -1)
+    """Begin an outage of a user who has an open request, but is in no footprint.
+
+    An outage that ended at this very instant goes on instead.
+    """
+    if user.covered > 0 or user.request.number < 0:
+        return
+    if user.outage_since_us >= 0 and user.outage_until_us == state.now_us:
+        user.outage_until_us = -1
+        return
+    count_outage(state, user)
+    user.outage_since_us, user.outage_began_in = state.now_us, phase
 
 
 @rare_rule
-def end_outage(state: State, user: User) -> None:
-    """End the outage of a user, if there is one; it counts if it has lasted more than 0 µs."""
-    if user.outage_since_us >= 0:
-        lasted_us = state.now_us - user.outage_since_us
-        state.outage_us += lasted_us
-        state.outages += int(lasted_us > 0)
-        user.outage_since_us = -1
+def end_outage(state: State, user: User, phase: int) -> None:
+    """End the outage of a user, if there is one."""
+    if user.outage_since_us >= 0 and user.outage_until_us < 0:
+        user.outage_until_us, user.outage_ended_in = state.now_us, phase
+
+
+@rare_rule
+def count_outage(state: State, user: User) -> None:
+    """Count and log the outage of a user that has ended, if it has lasted more than 0 µs.
+
+    Whether it has, and whether it has ended, is certain only later than at the times of its events.
+    """
+    since_us, until_us = user.outage_since_us, user.outage_until_us
+    if since_us < until_us:
+        state.outages += 1
+        state.outage_us += until_us - since_us
+        _note_outage(state, ON_OUTAGE, since_us, user.outage_began_in, user)
+        _note_outage(state, ON_OUTAGE_END, until_us, user.outage_ended_in, user)
+    user.outage_since_us = user.outage_until_us = -1
+
+
+@rare_rule
+def _note_outage(state: State, kind: int, t_us: int, phase: int, user: User) -> None:
+    """Append the begin or the end of a user's outage to the event log."""
+    if state.keeps_events:
+        note(state, phase, kind, -1, user.index, user.request.number, -1)
+        state.events[len(state.events) - 1].t_us = t_us

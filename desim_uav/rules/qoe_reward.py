@@ -57,11 +57,21 @@ class QoE(RowReward):
             lasted_us, served = credit.step_alone_us, credit.step_served_alone
         expected = world.expected_requests / world.steps
         terms[0] = self.w1 * (served * world.sharers / expected)
-        terms[1] = self.w3 * (lasted_us * world.sharers / (len(state.users) * world.step_us))
+        terms[1] = self.w3 * fair_times(world, state, lasted_us)
         if has_crashed(world, state, drone):
             terms[2] = 0.0 - self.crash
         if self.energy > 0.0 and is_limited(world, drone):
             terms[3] = 0.0 - self.energy * steps_of_hovering(world, drone, credit.step_used)
+
+
+@rule
+def fair_times(world: Constants, state: State, lasted_us: int) -> float:
+    """Return a time of users, in their fair share for a drone over a step.
+
+    The products are floats, because whole numbers of 64 bits would not suffice for many users.
+    """
+    step_us = float(len(state.users)) * float(world.step_us)
+    return float(lasted_us) * float(world.sharers) / step_us
 
 
 @rule

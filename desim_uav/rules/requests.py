@@ -93,7 +93,8 @@ def done_share(state: State, user: User) -> float:
 def measures(world: Constants, state: State) -> tuple[float, float, float]:
     """Return QoE1 in percent, QoE2 in steps and QoE3 in percent, from the start until now.
 
-    Open requests count with their service so far. A measure that is not defined yet is NaN.
+    Open requests count with their service so far. A measure that is not defined yet is NaN. Python
+    and compiled code divide whole numbers of more than 53 bits differently, so they become floats.
     """
     now_us, qoe1, open_now, attached = state.now_us, state.closed_qoe1, 0, 0
     for u in range(len(state.users)):
@@ -110,7 +111,7 @@ def measures(world: Constants, state: State) -> tuple[float, float, float]:
     first = second = third = float("nan")
     if state.opened > 0:
         first = 100 * qoe1 / state.opened
-        second = (open_us - served_us) / world.step_us / state.opened
+        second = float(open_us - served_us) / float(world.step_us) / state.opened
     if lasted_us > 0:
-        third = 100 * attached_us / lasted_us
+        third = 100.0 * float(attached_us) / float(lasted_us)
     return first, second, third

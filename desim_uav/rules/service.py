@@ -7,9 +7,10 @@ from desim_uav.model.rows import Queue
 from desim_uav.rules import words
 from desim_uav.rules.credit import credit_service, served_share
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
-from desim_uav.rules.links import begin_outage, end_outage
+from desim_uav.rules.links import begin_outage, count_outage, end_outage
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
+from desim_uav.rules.wide import add_product
 
 MILLION = 1_000_000
 
@@ -154,7 +155,7 @@ def count_service(state: State, request: Request) -> None:
     request.counted_us = state.now_us
     request.served_us += elapsed_us
     request.done = min(request.done + elapsed_us * request.rate, request.required)
-    state.bandwidth_us_hz += elapsed_us * request.used_hz
+    add_product(state.bandwidth_us_hz, elapsed_us, request.used_hz)
 
 
 @rule
@@ -187,11 +188,11 @@ def stop(state: State, user: User, phase: int) -> None:
 
 
 @rare_rule
-def regrade(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
+def regrade(world: Constants, state: State, drone: Drone, user: User) -> None:
     """Adapt the open request of a user to the class that the link to its drone has now.
 
-    A rate that is held needs more bandwidth in a lower class. If the sum no longer fits, the
-    requests that were admitted last wait (ties: those of the highest users first) until it fits.
+    A rate that is held needs more bandwidth in a lower class. The sum may exceed the drone's until
+    all changes of the instant have happened (see ``suspend``).
     """
     request = user.request
     if not request.elastic:
@@ -202,26 +203,53 @@ def regrade(world: Constants, state: State, drone: Drone, user: User, phase: int
             drone.free_hz -= more_hz
             drone.used_hz += more_hz
             request.used_hz = request.needs_hz
-            while drone.free_hz < 0:
-                last = _admitted_last(state, drone)
-                stop(state, last, phase)
-                wait(world, state, drone, last)
+            if drone.free_hz < 0:
+                scan_later(state, drone)
     scan_if_used(state, drone)
+
+
+@rare_rule
+def suspend(world: Constants, state: State, drone: Drone, phase: int) -> None:
+    """Let the requests that a drone admitted last wait until the others fit into its bandwidth."""
+    while drone.free_hz < 0 <= world.radios[drone.radio].bandwidth_hz:
+        last = _admitted_last(state, drone)
+        stop(state, last, phase)
+        wait(world, state, drone, last)
 
 
 @rule
 def _admitted_last(state: State, drone: Drone) -> User:
-    """Return the user whose held request a drone has begun to serve last (ties: the highest)."""
+    """Return the user whose held request a drone has begun to serve last.
+
+    Of several, it is the one that was made last (ties: the highest user's), because a drone admits
+    the requests of an instant in the order in which they were made.
+    """
     last = -1
     for u in range(len(state.users)):
         request = state.users[u].request
-        held = request.server == drone.index and not request.elastic
-        if held and (last < 0 or request.started_us >= state.users[last].request.started_us):
-            last = u
+        if request.server == drone.index and not request.elastic:
+            before = state.users[max(last, 0)].request
+            later = request.started_us > before.started_us or (
+                request.started_us == before.started_us
+                and request.t_request_us >= before.t_request_us
+            )
+            if last < 0 or later:
+                last = u
     return state.users[last]
 
 
 # ---- requests
+
+
+@rule
+def forget_request(request: Request) -> None:
+    """Reset a user's request to that of a user who has not asked for anything yet."""
+    request.number = request.server = -1
+    request.service = request.t_request_us = request.required = request.done = request.rate = 0
+    request.in_bits = request.elastic = request.bandwidth_bps = 0
+    request.needs_hz = request.used_hz = request.served_us = request.attached_us = 0
+    request.interruptions = request.t_first_us = request.started_us = request.counted_us = 0
+    request.stopped_us = request.last_server = request.credited = 0
 
 
 @rule
@@ -265,7 +293,8 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
     _log_request(state, request)
     note(state, phase, kind, user.holder, user.index, request.number, -1)
     if state.keeps_links:
-        end_outage(state, user)
+        end_outage(state, user, phase)
+        count_outage(state, user)
     request.number = -1
     if path.after_previous:
         foresee_request(world, path, state, user, now_us)

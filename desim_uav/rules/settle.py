@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rare_rule, rule
-from desim_uav.rules.association import settle_levels, turn
+from desim_uav.rules.association import settle_levels
 from desim_uav.rules.attachment import attach, entered_first
 from desim_uav.rules.battery import type_of
 from desim_uav.rules.classes import retune
 from desim_uav.rules.due import due, key, nothing_before, settle_slot
 from desim_uav.rules.links import unsettle
 from desim_uav.rules.rows import Constants, Path, State, User
+from desim_uav.rules.service import suspend
 from desim_uav.rules.words import ATTACHMENT
 
 
@@ -18,11 +19,12 @@ from desim_uav.rules.words import ATTACHMENT
 def settle_after(world: Constants, path: Path, state: State, phase: int) -> None:
     """Schedule ``settle`` for the attachment phase of this instant, if there is anything to settle.
 
-    It is called at once if no other event of the instant comes before. After ``phase`` 7, nothing
-    is scheduled: commands are followed by a call of their own (see ``rules.episode.command``).
+    It is the last event of this phase, so that all of an instant is settled together. It is called
+    at once if no other event of the instant comes before. After ``phase`` 7, nothing is scheduled:
+    commands are followed by a call of their own (see ``rules.episode.command``).
     """
     if phase <= ATTACHMENT and _is_unsettled(state):
-        place = key(ATTACHMENT, -1, -1)
+        place = key(ATTACHMENT + 1, -1, -1) - 1
         if nothing_before(state, place):
             _settle_all(world, path, state, ATTACHMENT, ATTACHMENT)
         else:
@@ -74,6 +76,8 @@ def _settle_all(
     while state.to_scan > 0:
         drone = state.senders[d]
         if drone.scan:
+            if state.keeps_links:
+                suspend(world, state, drone, attachment)
             drone.scan = 0
             state.to_scan -= 1
             call(type_of(world, drone).scan, (world, path, state, drone, admission))
@@ -94,7 +98,6 @@ def _settle_links(world: Constants, path: Path, state: State, phase: int) -> Non
 
 @rare_rule
 def on_turn(world: Constants, path: Path, state: State, user: User) -> None:
-    """Let what is due happen to a user's rival, and look for what is next."""
-    turn(world, path, state, user, ATTACHMENT)
+    """Let what is due happen to a user's rival, once nothing else comes before in this phase."""
     unsettle(state, user)
     settle_after(world, path, state, ATTACHMENT)

@@ -38,7 +38,7 @@ EVENT_KINDS = (
     *("enter", "exit", "attach", "detach"),
     *("decide", "depart", "blocked", "arrive", "land", "charge", "charged"),
     *("deplete", "crash", "respawn"),
-    *("class", "handover", "ping_pong", "outage"),
+    *("class", "handover", "ping_pong", "outage", "outage_end"),
     *("conflict", "clear"),
 )
 """The names of the kinds of events by number; the next number, ON_LEG, is for ``note_leg``."""
@@ -78,6 +78,7 @@ LEADS_TO = {
     ON_HANDOVER,
     ON_PING_PONG,
     ON_OUTAGE,
+    ON_OUTAGE_END,
     ON_CONFLICT,
     ON_CLEAR,
     ON_LEG,

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.battery import LONGEST_MIN, in_joules
+from desim_uav.model.asking import MOST_BPS, MOST_REQUIRED
+from desim_uav.model.battery import LONGEST_MIN, MOST_CHARGE, in_joules
 from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.motion import cruise_of, return_transit, transits_over
+from desim_uav.model.rules import US
 from desim_uav.model.services import Volume
 from desim_uav.model.sums import in_order
 from desim_uav.model.walking import Area
 from desim_uav.model.wind import motion_in
-from desim_uav.notices import notice
 from desim_uav.registry import FAULTS, did_you_mean, what_failed
 from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario import radio_checks
@@ -36,6 +37,9 @@ from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
 
+LONGEST_US = 2**53
+"""The longest episode in microseconds, whose times are exact as floating-point numbers, too."""
+
 MAX_SQUARES = 1_000_000
 MAX_LEVELS = 1000
 MAX_PLACES = 5_000_000
@@ -46,31 +50,6 @@ def findings(scenario: Scenario) -> Iterator[Finding]:
     """Everything that is wrong with a scenario whose keys are right one by one."""
     for check in CHECKS:
         yield from check(scenario)
-
-
-def doubts(scenario: Scenario) -> Iterator[str]:
-    """What is allowed and hardly meant: circles that do not fit the map."""
-    width, depth = scenario.map.size_m
-    half, on_map = min(width, depth) / 2.0, f"the map of {width:g} x {depth:g} m"
-    clusters, stations = scenario.users.clusters, scenario.stations
-    if clusters is not None and clusters.radius_m[1] >= half:
-        low, high = clusters.radius_m
-        yield (
-            f"users.clusters.radius_m: [{low:g}, {high:g}]: clusters of {half:g} m and more lie in "
-            f"the middle of {on_map} (map.size_m), one upon the other"
-        )
-    on_circle = stations.count > 0 or any(one.start_cells is None for one in scenario.fleet)
-    if on_circle and stations.radius_m > half:
-        yield (
-            f"stations.radius_m: {stations.radius_m:g}: the circle leaves {on_map} (map.size_m); "
-            f"what is off it is moved to its edge"
-        )
-
-
-def warn_of(scenario: Scenario) -> None:
-    """Print what a scenario hardly means on stderr, one line each."""
-    for doubt in doubts(scenario):
-        notice(f"warning: {doubt}")
 
 
 def a_battery_needs_a_station(scenario: Scenario) -> Iterator[Finding]:
@@ -143,31 +122,46 @@ def obstacles_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
         )
     if not isinstance(obstacles, DrawnObstacles):
         yield from _listed_obstacles(scenario, obstacles)
-        tallest = max((height for *_, height in obstacles.cells), default=0.0)
-    else:
-        tallest = obstacles.height_m[1]
-        if obstacles.square_m is not None:
-            width, depth = scenario.map.size_m
-            squares = math.ceil(width / obstacles.square_m) * math.ceil(depth / obstacles.square_m)
-            if squares > MAX_SQUARES:
-                yield Finding(
-                    (*path, "square_m"),
-                    f"makes {squares} squares of the map; at most {MAX_SQUARES}",
-                    (("map", "size_m"),),
-                )
-    levels = scenario.map.levels
-    nx, ny = scenario.map.cells
-    if (tallest - levels.min_altitude_m) / levels.step_m > MAX_LEVELS:
+    elif obstacles.square_m is not None:
+        width, depth = scenario.map.size_m
+        squares = math.ceil(width / obstacles.square_m) * math.ceil(depth / obstacles.square_m)
+        if squares > MAX_SQUARES:
+            yield Finding(
+                (*path, "square_m"),
+                f"makes {squares} squares of the map; at most {MAX_SQUARES}",
+                (("map", "size_m"),),
+            )
+
+
+def levels_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
+    """Levels in reasonable number, and none above the lowest one in 2D."""
+    levels, tallest_m = scenario.map.levels, scenario.map.tallest_m
+    lowest_m, most_m = levels.min_altitude_m, levels.max_altitude_m
+    (nx, ny), path = scenario.map.cells, ("map", "levels")
+    if most_m is not None and not scenario.three_d:
         yield Finding(
-            ("map", "levels", "step_m"),
-            f"makes more than {MAX_LEVELS} levels up to the tallest building of {tallest:g} m",
-            (path, ("map", "levels", "min_altitude_m")),
+            (*path, "max_altitude_m"),
+            "not in 2D, where drones fly at one altitude; leave it out, or map.dimensions: 3",
+            (("map", "dimensions"),),
         )
-    elif nx * ny * (tallest / levels.step_m + 2) > MAX_PLACES:
+    elif most_m is not None and most_m < lowest_m:
+        yield Finding(
+            (*path, "max_altitude_m"),
+            f"must be at least min_altitude_m, {lowest_m:g}",
+            ((*path, "min_altitude_m"),),
+        )
+    up_to_m = max(tallest_m, most_m or 0.0)
+    also = (("map", "obstacles"), (*path, "min_altitude_m"), (*path, "max_altitude_m"))
+    if (up_to_m - lowest_m) / levels.step_m > MAX_LEVELS:
+        what = f"the tallest building of {tallest_m:g} m"
+        if most_m is not None and most_m > tallest_m:
+            what = f"max_altitude_m: {most_m:g}"
+        yield Finding((*path, "step_m"), f"makes more than {MAX_LEVELS} levels up to {what}", also)
+    elif nx * ny * (up_to_m / levels.step_m + 2) > MAX_PLACES:
         yield Finding(
             ("map", "cells"),
             f"makes more than {MAX_PLACES} places (cells times levels) to fly to",
-            (path, ("map", "levels", "step_m")),
+            (*also, (*path, "step_m")),
         )
 
 
@@ -177,7 +171,9 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
     nx, ny = scenario.map.cells
     hops = {"along x": ((1, 0, 0), dx), "along -x": ((-1, 0, 0), dx)} if nx > 1 else {}
     hops |= {"along y": ((0, 1, 0), dy), "along -y": ((0, -1, 0), dy)} if ny > 1 else {}
-    if scenario.three_d and scenario.map.obstacles is not None:
+    if scenario.three_d and (
+        scenario.map.obstacles is not None or scenario.map.levels.max_altitude_m is not None
+    ):
         hops["between levels"] = (0, 0, 1), scenario.map.levels.step_m
     also = (*_GRID, ("map", "levels", "step_m"), ("map", "dimensions"), ("episode", "step_s"))
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
@@ -261,9 +257,19 @@ def the_reward_names_services(scenario: Scenario) -> Iterator[Finding]:
 
 
 def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
-    """Durations that round to nothing: time is a whole number of microseconds."""
+    """Durations that round to nothing, or that cannot be counted in whole microseconds."""
+    episode = scenario.episode
+    if episode.steps * round(episode.step_s * US) > LONGEST_US:
+        yield Finding(
+            ("episode", "steps"),
+            f"an episode of {episode.steps:,} steps of {episode.step_s:g} s is too long; at most "
+            f"2^53 microseconds (285 years) can be counted",
+            (("episode", "step_s"),),
+        )
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         battery, path = drones.battery, (*key, "battery", "autonomy_min")
+        if in_joules(battery) > MOST_CHARGE:
+            yield Finding((*key, "battery"), f"capacity_uj must be at most {MOST_CHARGE:,}")
         if battery is None or in_joules(battery):
             continue
         if round(battery.autonomy_min * 60e6) < 1:
@@ -271,10 +277,15 @@ def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
         if battery.autonomy_min > LONGEST_MIN:
             yield Finding(path, f"must be at most {LONGEST_MIN} minutes")
     for name, service in scenario.services.items():
-        if not isinstance(service, Volume) and np.min(service.durations_us()) < 1:
-            yield Finding(
-                ("services", name, "duration_min"), "a duration is less than a microsecond"
-            )
+        path, rates = ("services", name), service.bandwidths_bps()
+        if not 0 <= np.min(rates) <= np.max(rates) <= MOST_BPS:
+            yield Finding(path, f"bandwidths_bps must be from 0 to {MOST_BPS:,} bit/s")
+        if isinstance(service, Volume):
+            continue
+        if np.min(service.durations_us()) < 1:
+            yield Finding((*path, "duration_min"), "a duration is less than a microsecond")
+        if np.max(service.durations_us()) > MOST_REQUIRED:
+            yield Finding(path, "durations_us must be at most 2^62 microseconds")
 
 
 def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
@@ -321,6 +332,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     drones_start_on_the_map,
     users_are_on_the_map,
     obstacles_fit_the_map,
+    levels_fit_the_map,
     drones_can_fly_in_the_wind,
     drones_can_keep_apart,
     transits_fit_a_step,

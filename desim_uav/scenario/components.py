@@ -12,13 +12,17 @@ from functools import cache
 from pathlib import Path
 from types import FunctionType
 from typing import Any
+from uuid import uuid4
 
-from pydantic import ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic import ValidationError as PydanticError
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema, to_json
 
 from desim_uav import registry
+from desim_uav.model.code_digest import class_digest
+from desim_uav.model.value_text import UndescribedError
+from desim_uav.own_code import digest_of
 from desim_uav.registry import FAULTS, what_failed
 from desim_uav.scenario.meanings import with_meanings
 from desim_uav.scenario.yaml12 import KeyPath
@@ -277,15 +281,45 @@ _PLUG_IN_SCHEMA: JsonSchemaValue = {
 def described(component: Any, hashed: bool = False) -> dict[str, Any]:
     """Return the kind and the parameters of a component as plain Python values, the kind first.
 
-    To be ``hashed``, parameters that came later are left out (see ``unchanged``).
+    To be ``hashed``, parameters that came later are left out (see ``unchanged``), and a component
+    of one's own has the digest of its code.
     """
     found = type(component)
     kind = vars(found).get("kind", f"{found.__module__}:{found.__qualname__}")
+    plain = {"kind": kind} | ({"code": code} if hashed and (code := code_of(found)) else {})
     if not dataclasses.is_dataclass(component):
-        return {"kind": kind} | getattr(component, _GIVEN, {})
+        return plain | getattr(component, _GIVEN, {})
     left_out = unchanged(component) if hashed else ()
     names = [f.name for f in dataclasses.fields(component) if f.init and f.name not in left_out]
-    return {"kind": kind} | {name: _plain(getattr(component, name), hashed) for name in names}
+    return plain | {name: _plain(getattr(component, name), hashed) for name in names}
+
+
+def code_of(found: type) -> str:
+    """Return the digest of the code of a class of one's own; "" for a built-in class.
+
+    It is a new one each time if the class is not from a file and its code cannot be described.
+    """
+    if found.__module__.startswith("desim_uav."):
+        return ""
+    try:
+        return digest_of(found.__module__) or class_digest(found)
+    except UndescribedError:
+        return uuid4().hex
+
+
+def own_classes(value: Any) -> Iterator[type]:
+    """Yield the classes of all components of one's own in a scenario, or in a part of one."""
+    if isinstance(value, BaseModel):
+        parts = [getattr(value, name) for name in type(value).model_fields]
+    elif hasattr(type(value), "kind"):
+        if not type(value).__module__.startswith("desim_uav."):
+            yield type(value)
+        parts = list(vars(value).values()) if hasattr(value, "__dict__") else []
+    else:
+        parts = list(value) if isinstance(value, list | tuple) else []
+        parts += value.values() if isinstance(value, Mapping) else ()
+    for part in parts:
+        yield from own_classes(part)
 
 
 def _plain(value: Any, hashed: bool) -> Any:

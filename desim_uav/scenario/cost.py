@@ -18,7 +18,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.services import Volume
 from desim_uav.model.walking import Area
 from desim_uav.scenario.epochs import most_epochs
-from desim_uav.scenario.schema import DrawnObstacles, Scenario, flies_freely
+from desim_uav.scenario.schema import Scenario, flies_freely
 
 MOST_EVENTS = 1e10
 """An episode of more events than this would take the fastest engine more than an hour."""
@@ -26,7 +26,7 @@ MOST_EVENTS = 1e10
 PROGRAM = 100e6
 """The bytes of memory that a command takes however small its scenario is, more or less."""
 
-_LEVELS = ("map.cells", "map.levels.step_m", "map.obstacles")
+_LEVELS = ("map.cells", "map.levels.step_m", "map.levels.max_altitude_m", "map.obstacles")
 _WALKS = ("users.count", "episode.steps", "episode.step_s", "users.mobility")
 _REQUESTS = ("users.count", "episode.steps", "episode.step_s", "demand")
 _STEPS = ("episode.steps", "drones.count", "decisions")
@@ -168,7 +168,7 @@ def _counts(scenario: Scenario) -> _Counts:
         drones,
         users,
         nx * ny,
-        nx * ny * _levels(scenario),
+        float(nx * ny * scenario.map.most_levels),
         most_epochs(scenario),
         legs,
         draws,
@@ -222,18 +222,6 @@ def _event_log(logged: Sequence[Part], n: _Counts) -> Part:
     rows = math.fsum(part.amount for part in logged)
     keys = tuple(dict.fromkeys(key for part in logged for key in part.keys))
     return Part("the event log that is kept", 330.0 * rows + 700.0 * n.drones * n.epochs, keys)
-
-
-def _levels(scenario: Scenario) -> float:
-    """How many levels there are, up to the tallest building."""
-    obstacles, levels = scenario.map.obstacles, scenario.map.levels
-    if not scenario.three_d or obstacles is None:
-        return 1.0
-    if isinstance(obstacles, DrawnObstacles):
-        tallest = obstacles.height_m[1]
-    else:
-        tallest = max((height for *_, height in obstacles.cells), default=0.0)
-    return 2.0 + max(0.0, (tallest - levels.min_altitude_m) / levels.step_m)
 
 
 def _required_s(scenario: Scenario) -> float:

@@ -9,6 +9,9 @@ from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 from desim_uav.scenario.yaml12 import KeyPath
 
+MOST_WORK = 12_000_000
+"""The largest sum of the squared numbers of corners of all zones: it takes about a minute."""
+
 FREE = "drones.motion: space: free"
 
 
@@ -22,6 +25,7 @@ def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
                 tuple((*key, "motion") for key in scenario.fleet_keys),
             )
         return
+    yield from _zones_are_cut_soon(scenario)
     if scenario.mixed and scenario.map.no_fly:
         cells = [
             key
@@ -38,6 +42,19 @@ def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         if flies_freely(drones):
             yield from _of_type(scenario, key, drones)
+
+
+def _zones_are_cut_soon(scenario: Scenario) -> Iterator[Finding]:
+    """Zones with so many corners that it would take minutes to cut them into convex parts."""
+    corners = [len(zone.polygon_m) for zone in scenario.map.no_fly]
+    work = sum(count * count for count in corners)
+    if work > MOST_WORK:
+        yield Finding(
+            ("map", "no_fly"),
+            f"{sum(corners)} corners of {len(corners)} polygons, with a sum of squares of {work:,} "
+            f"by polygon, take about {work / MOST_WORK:.1f} min to be cut into convex parts; the "
+            f"sum of squares may be {MOST_WORK:,}",
+        )
 
 
 def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Finding]:

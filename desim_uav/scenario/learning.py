@@ -95,7 +95,7 @@ class Learning(Section):
     alpha: Annotated[Schedule, _over(ALPHA)] = ALPHA
     """The learning rate: a number, or a schedule over the episodes."""
     gamma: Annotated[float, Field(ge=0, lt=1)] = 0.95
-    """The discount factor per step."""
+    """The discount factor per step, from which environments also compute the info `discount`."""
     epsilon: Annotated[Schedule, _over(EPSILON)] = EPSILON
     """The probability of a random action: a number, or a schedule over the episodes."""
     initial_q: Annotated[InitialQ, BeforeValidator(_initial_q)] = 3.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,11 @@ from pydantic import BaseModel, ValidationError
 
 from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.model.traces import MAX_BYTES as MAX_TABLE_BYTES
+from desim_uav.registry import resolve
 from desim_uav.regular_file import content_of
 from desim_uav.scenario import yaml12
 from desim_uav.scenario.checks import findings
-from desim_uav.scenario.components import described, strictly, unchanged
+from desim_uav.scenario.components import code_of, described, strictly, unchanged
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft, override_path, plain_copy
 from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.schema import Scenario, paper_preset
@@ -151,12 +153,17 @@ def to_plain(scenario: Scenario) -> dict[str, Any]:
 def scenario_hash(scenario: Scenario) -> str:
     """Return the SHA-256 digest of a scenario, in hexadecimal.
 
-    The digest covers every key except the name, and the contents of the files that the scenario
-    uses, but not their paths. Keys that came later (``Section.later``) are left out if they have
-    their defaults, so that a scenario that was written before them keeps its digest.
+    The digest covers every key except the name, the contents of the files that the scenario uses,
+    but not their paths, and those of the modules of one's own components. Keys that came later
+    (``Section.later``) are left out if they have their defaults, so that a scenario that was
+    written before them keeps its digest.
     """
     content = _plain(scenario, hashed=True)
     del content["name"]
+    if ":" in scenario.learning.algorithm:
+        with suppress(ValueError):  # of which ``load_algorithm`` says more
+            algorithm = resolve("algorithm", scenario.learning.algorithm)
+            content["learning"]["code"] = code_of(algorithm)
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode()).hexdigest()
 

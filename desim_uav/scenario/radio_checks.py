@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from desim_uav.model.demand import Continuous, Trace
+from desim_uav.model.radio.levels import problem_of_bounds, why_not_compiled
 from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.model.radio.rings import line_of_sight_ring_m, rings
 from desim_uav.model.services import Volume
 from desim_uav.registry import FAULTS, what_failed
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
+from desim_uav.scenario.schema import DrawnObstacles, Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
 LARGEST_UBIT = 10**18
@@ -165,40 +166,53 @@ def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
             )
 
 
-def losses_give_rings(scenario: Scenario) -> Iterator[Finding]:
-    """A path loss that falls with the distance, or by which links reach too far."""
+def losses_can_be_used(scenario: Scenario) -> Iterator[Finding]:
+    """A path loss that falls with the distance, by which links reach too far, or a wrong slope."""
     for links in _links(scenario):
-        lowest_m = links.lowest_m - _tallest_user_m(scenario)
-        if lowest_m <= 0.0:
-            continue
-        for height_m in dict.fromkeys((lowest_m, links.highest_m)):
-            problem = _problem_of_rings(links.radio, height_m)
-            if problem:
-                path = (*links.path, "path_loss")
-                yield Finding(path, f"at a height of {height_m:g} m: {problem}", (links.path,))
-                break
+        problem = _problem_of_loss(scenario, links)
+        if problem:
+            also = (*_CLIMBS, ("association",), links.path)
+            yield Finding((*links.path, "path_loss"), problem, also)
 
 
-def losses_have_bounds(scenario: Scenario) -> Iterator[Finding]:
-    """A path loss of one's own without ``slope`` where changes of classes are searched for."""
+def _problem_of_loss(scenario: Scenario, links: Links) -> str:
+    """Return why a path loss cannot be used; one of one's own must keep its bounds, too."""
+    radio, lowest_m = links.radio, links.lowest_m - _tallest_user_m(scenario)
+    if lowest_m <= 0.0:
+        return ""
+    for height_m in dict.fromkeys((lowest_m, links.highest_m)):
+        problem = _problem_of_rings(radio, height_m)
+        if problem:
+            return f"at a height of {height_m:g} m: {problem}"
+    if radio.path_loss.is_built_in() or not searches(scenario, links):
+        return ""
+    try:
+        return problem_of_bounds(radio.path_loss, float(radio.carrier_ghz)) or why_not_compiled(
+            radio.path_loss
+        )
+    except FAULTS as error:
+        return what_failed(error)
+
+
+def losses_without_bounds(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """Yield the keys of path losses whose bounds have to be sampled, and why they are needed."""
     for links in _links(scenario):
-        if links.radio.path_loss.is_bounded():
-            continue
-        reasons = {
-            "drones climb (map.dimensions: 3, map.obstacles)": links.highest_m > links.lowest_m,
-            "drones interfere (interference)": links.radio.reuse > 0,
-            "line of sight changes (line_of_sight)": links.radio.line_of_sight != "mean",
-            "links have shadowing (shadowing)": links.radio.shadowing is not None,
-            "association compares levels": scenario.association.by_level,
-        }
-        named = [reason for reason, holds in reasons.items() if holds]
-        if named:
-            yield Finding(
-                (*links.path, "path_loss"),
-                "needs a method slope(distance_m, height_m, within_m), because "
-                + " and ".join(named),
-                (*_CLIMBS, ("association",), links.path),
-            )
+        if not links.radio.path_loss.is_bounded():
+            reasons = searches(scenario, links)
+            if reasons:
+                yield ".".join(map(str, (*links.path, "path_loss"))), " and ".join(reasons)
+
+
+def searches(scenario: Scenario, links: Links) -> list[str]:
+    """Return why changes of the classes of links are searched for, if they are."""
+    reasons = {
+        "drones climb (map.dimensions: 3, map.obstacles)": links.highest_m > links.lowest_m,
+        "drones interfere (interference)": links.radio.reuse > 0,
+        "line of sight changes (line_of_sight)": links.radio.line_of_sight != "mean",
+        "links have shadowing (shadowing)": links.radio.shadowing is not None,
+        "association compares levels": scenario.association.by_level,
+    }
+    return [reason for reason, holds in reasons.items() if holds]
 
 
 def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
@@ -285,18 +299,9 @@ def _links(scenario: Scenario) -> Iterator[Links]:
 
 def _levels_m(scenario: Scenario) -> tuple[float, float]:
     """The lowest and the highest level of drones in metres (see ``model.grid.altitudes``)."""
-    levels, obstacles = scenario.map.levels, scenario.map.obstacles
+    levels = scenario.map.levels
     lowest_m = levels.min_altitude_m
-    if not scenario.three_d or obstacles is None or _tallest_m(obstacles) < lowest_m:
-        return lowest_m, lowest_m
-    steps = math.floor((_tallest_m(obstacles) - lowest_m) / levels.step_m) + 1
-    return lowest_m, lowest_m + steps * levels.step_m
-
-
-def _tallest_m(obstacles: DrawnObstacles | ListedObstacles) -> float:
-    if isinstance(obstacles, DrawnObstacles):
-        return obstacles.height_m[1]
-    return max((height for *_, height in obstacles.cells), default=0.0)
+    return lowest_m, lowest_m + (scenario.map.most_levels - 1) * levels.step_m
 
 
 def _has_buildings(scenario: Scenario) -> bool:
@@ -311,7 +316,7 @@ def _tallest_user_m(scenario: Scenario) -> float:
     obstacles = scenario.map.obstacles
     if obstacles is None or not _has_buildings(scenario):
         return 0.0
-    return min(scenario.users.max_height_m, _tallest_m(obstacles))
+    return min(scenario.users.max_height_m, scenario.map.tallest_m)
 
 
 def _always_sees(path_loss: Any) -> bool:
@@ -344,8 +349,7 @@ CHECKS = (
     access_points_admit_as_drones,
     bands_are_shared_by_all,
     links_fit_the_map,
-    losses_give_rings,
-    losses_have_bounds,
+    losses_can_be_used,
     transfers_get_a_rate,
     demand_knows_volumes,
 )

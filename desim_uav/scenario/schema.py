@@ -100,10 +100,17 @@ SIDE_M = 2400.0
 class Levels(Section):
     """The altitudes drones fly at: the lowest, and the step between levels (3D)."""
 
+    later: ClassVar = ("max_altitude_m",)
+
     min_altitude_m: Height = 20.0
     """The lowest level, in metres. In 2D it is the only one."""
     step_m: Height = 20.0
     """The vertical distance between two levels, in metres."""
+    max_altitude_m: Height | None = None
+    """The altitude up to which there are levels, in metres (3D only): also where buildings are
+    lower or where there are none. null means up to the tallest building. Drones that may fly above
+    the tallest building have one level above it in any case.
+    """
 
 
 class DrawnObstacles(Section):
@@ -177,6 +184,25 @@ class Map(Section):
         if self.dimensions == 2 and "obstacles" not in self.model_fields_set:
             self._settle(obstacles=None)
         return self
+
+    @property
+    def tallest_m(self) -> float:
+        """The height of the tallest building that there can be, in metres; 0 without any."""
+        if self.dimensions == 2 or self.obstacles is None:
+            return 0.0
+        if isinstance(self.obstacles, DrawnObstacles):
+            return self.obstacles.height_m[1]
+        return max((height for *_, height in self.obstacles.cells), default=0.0)
+
+    @property
+    def most_levels(self) -> int:
+        """The largest number of levels that there can be (see ``model.grid.altitudes``)."""
+        lowest_m, step_m = self.levels.min_altitude_m, self.levels.step_m
+        if self.dimensions == 2:
+            return 1
+        above = int(max(self.tallest_m - lowest_m, -step_m) // step_m) + 2
+        most_m = max(self.levels.max_altitude_m or 0.0, lowest_m)
+        return max(above, int((most_m - lowest_m) // step_m) + 1)
 
     @property
     def cell_m(self) -> tuple[float, float]:
@@ -507,6 +533,10 @@ class Scenario(Section):
         """Raise ScenarioError, which says that ``what`` needs it, unless drones decide by clock."""
         if self.decisions.by_event:
             raise ScenarioError(f"decisions: event: {what} needs decisions: clock")
+
+    def require_one_discount(self, library: str) -> None:
+        """Raise ScenarioError for a library with one discount, unless drones decide by clock."""
+        self.require_clock(f"{library}, which has one discount for transitions of any duration,")
 
     @property
     def free(self) -> bool:

@@ -51,7 +51,7 @@ def read(text: str) -> Document:
         reader.fail(_mark_of(text, unprintable.start()), unprintable_in(text))
         return reader.document
     try:
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        for event in yaml.parse(text, Loader=_Loader):
             if not reader.take(event):
                 break
     except yaml.MarkedYAMLError as error:
@@ -90,8 +90,10 @@ def unprintable_in(text: str) -> str:
 
 
 _UNPRINTABLE = re.compile(
-    "[^\t\n\r\x20-\x7e\x85\xa0-\u2027\u202a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+    "[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 )
+"""The characters that are refused: those that YAML refuses, and U+0085, U+2028 and U+2029, which
+end a line in YAML 1.1 only."""
 _CONSTANTS: dict[str, bool | float | None] = (
     dict.fromkeys(("", "~", "null", "Null", "NULL"))
     | dict.fromkeys(("true", "True", "TRUE"), True)
@@ -105,6 +107,27 @@ _INFINITY = re.compile(r"[-+]?(\.inf|\.Inf|\.INF)")
 
 _ABSENT: Any = object()
 """Stands for a value that was left out because of an alias, a tag or a refused key."""
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's loader of YAML 1.1, which also takes tabs between tokens, as YAML 1.2 does."""
+
+    def scan_to_next_token(self) -> None:
+        """Skip spaces, tabs that are no indentation, comments and ends of lines."""
+        super().scan_to_next_token()
+        while self.peek() == "\t" and not self._indents():
+            while self.peek() in " \t":
+                self.forward()
+            super().scan_to_next_token()
+
+    def _indents(self) -> bool:
+        """Return whether a tab begins a line of a block, which must be indented by spaces."""
+        ahead = 0
+        while self.peek(ahead) in " \t":
+            ahead += 1
+        before = self.buffer[self.pointer - self.column : self.pointer]
+        has_content = self.peek(ahead) not in "#\r\n\0"
+        return not self.flow_level and not before.strip() and has_content
 
 
 @dataclass

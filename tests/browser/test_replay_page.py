@@ -131,7 +131,7 @@ def moments(name):
         policy.begin(world, Streams(loaded.seed, Purpose.LEARNER, episode), carried)
         shown = engine.reset(draw(world, loaded.seed, episode))
         while not (shown.terminated or shown.truncated):
-            shown = engine.step(decide(policy, shown))
+            shown = engine.step(decide(policy, shown, world))
             yield episode, shown, engine
 
 
@@ -1102,7 +1102,7 @@ class TestLinks:
         page.run("document.getElementById('tilt').click()")
         page.frames(5)
         page.picture("radio-tilted")
-        for kind in ("class", "handover", "ping_pong", "outage"):
+        for kind in ("class", "handover", "ping_pong", "outage", "outage_end"):
             told = page.run("return replay.stepEvent(-1, [arguments[0]])", kind)
             if told is not None:
                 assert told["text"] == told["text"].replace("_", " ")

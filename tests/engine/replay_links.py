@@ -237,7 +237,7 @@ class LinkReplay:
             for user, work in held:
                 assert work.server == d or self._needed_hz(d, user, work) > free_hz, "it would fit"
             admitted = {
-                (before[request][1], work.logged.user): request in stopped
+                (before[request][1], work.logged.t_request_us, work.logged.user): request in stopped
                 for request, work in ((user.request, work) for user, work in held)
                 if before[request][0] == d
             }
@@ -257,6 +257,12 @@ class LinkReplay:
         if log.links is not None:
             counted = (self.handovers, self.ping_pongs, self.outages, self.outage_us)
             assert counted == tuple(log.links)
+            begins, ends = (
+                [event[0] for event in log.events or () if event[2] == kind]
+                for kind in ("outage", "outage_end")
+            )
+            assert len(begins) == len(ends) == self.outages
+            assert sum(ends) - sum(begins) == self.outage_us
 
 
 def check_links(world: World, log: EpisodeLog) -> None:

@@ -42,7 +42,7 @@ def test_every_case_keeps_the_invariants(case: str, policy_name: str, seed: int)
         policy.begin(world, Streams(seed, Purpose.LEARNER, episode))
         shown = engine.reset(draw(world, seed, episode))
         while not (shown.terminated or shown.truncated):
-            commands = decide(policy, shown)
+            commands = decide(policy, shown, world)
             before, shown = shown, engine.step(commands)
             check_step(engine, before, commands)
         check_episode(engine)

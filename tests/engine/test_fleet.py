@@ -10,6 +10,9 @@ import pytest
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
+from desim_uav.engine.des import Simulation
+from desim_uav.experiment import tables
+from desim_uav.experiment.run import headline
 from desim_uav.model.rules import Action, Mode
 from desim_uav.model.state import Facts
 from desim_uav.sample_path import draw
@@ -121,6 +124,30 @@ class TestByHand:
         last = {step.drone: step for step in log.steps[-3:]}
         assert [last[d].mode for d in range(3)] == [Mode.CRASHED, Mode.FLYING, Mode.FLYING]
         assert [last[d].battery_us for d in range(3)] == [0, 15 * US, None]
+
+    def test_energy_is_that_of_the_types_that_are_measured_in_it(self):
+        # Two hover for a minute, charge until they are full, and hover for another minute; one
+        # battery holds minutes, and the other 30 Wh.
+        world = fleet(
+            {"battery": {"autonomy_min": 10}, "start_cells": [(4, 0)]},
+            {"battery": {"kind": "rotary_wing", "capacity_wh": 30.0}, "start_cells": [(4, 0)]},
+            {"battery": None, "start_cells": [(0, 0)], "bandwidth_kbps": 1000},
+            users=[(120, 120)],
+            steps=3,
+            stations={"count": 1, "radius_m": 0, "pads": 2},
+        )
+        path = path_of(world, {0: [(0, 60, 500)]})
+        log = fly(world, path, "hover charge", "hover charge")
+        requests = tables.requests_table([log], world)
+        episodes = tables.episodes_table([log], world, requests)
+        row, steps = episodes.iloc[0], tables.steps_table([log], world)
+        used_wh = 120 * 168.48421774108203 / 3600
+        assert steps["energy_wh"].dropna().sum() == pytest.approx(used_wh, abs=1e-8)
+        assert row["energy_wh"] == pytest.approx(used_wh, abs=1e-8)
+        assert row["charged_wh"] == pytest.approx(used_wh / 2, abs=1e-8)
+        assert row["served_mbit"] == 30.0
+        assert math.isnan(row["j_per_mbit"]), "the energy of the drone that served is unknown"
+        assert headline(requests, episodes)["j_per_mbit"] is None
 
     def test_only_the_crash_of_its_type_ends_an_episode(self):
         world = fleet(
@@ -234,6 +261,20 @@ def test_a_list_of_equal_types_is_one_block(engine_name: str):
                 shown = engine.step([int(rng.choice(allowed)) for allowed in mask])
             found.append((scenario is one, episode, engine.log.events, engine.log.steps))
     assert [each[2:] for each in found if each[0]] == [each[2:] for each in found if not each[0]]
+
+
+def test_the_audit_notices_energy_of_drones_that_have_none(monkeypatch):
+    world = fleet(
+        {"battery": {"autonomy_min": 10}, "start_cells": [(0, 0)]},
+        {"battery": {"kind": "rotary_wing", "capacity_wh": 30.0}, "start_cells": [(8, 0)]},
+    )
+
+    def of_all(engine):
+        return tuple(sum(getattr(one, of) for one in engine.drones) for of in ("used", "gained"))
+
+    monkeypatch.setattr(Simulation, "energy_uj", of_all)
+    with pytest.raises(AssertionError, match="energy of all drones together"):
+        fly(world, path_of(world), "right", "left")
 
 
 # ---- both engines

@@ -21,16 +21,18 @@ from desim_uav.learning.training import Training
 from desim_uav.model.admission import RowAdmission
 from desim_uav.model.battery import Endurance
 from desim_uav.model.observations import Feature, RowObservation
+from desim_uav.model.radio.functions import log10, slant_range_m
+from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.rewards import RowReward
 from desim_uav.rules.admission import admit, turn_away
 from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.observations import Position, write_position
 from desim_uav.rules.words import CRASHED, QUEUED
 from desim_uav.sample_path import draw
-from desim_uav.scenario.load import load
+from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
-from tests.verification.engines import differences
+from tests.verification.engines import differences, engines, row
 
 
 @dataclass(frozen=True)
@@ -394,3 +396,46 @@ def test_what_cannot_be_compiled_runs_in_the_simpy_engine(reward: str, why: str)
     one.reset(draw(world, 0, 0))
     assert one.step([4]).rewards == (1.0,)
     assert not math.isnan(one.measures().qoe3_percent or 0.0)
+
+
+@dataclass(frozen=True)
+class Sampled(RowPathLoss):
+    """A loss with a kink that does not say how fast a level can change."""
+
+    break_m: float = 300.0
+
+    def los_db(self, distance_m: float, height_m: float, carrier_ghz: float) -> float:
+        slant_m = slant_range_m(distance_m, height_m)
+        return 38.5 + 20.0 * log10(slant_m) + 15.0 * max(0.0, log10(slant_m / self.break_m))
+
+
+@dataclass(frozen=True)
+class Bounded(Sampled):
+    """The same loss with bounds."""
+
+    def slope(self, distance_m: float, height_m: float, within_m: float) -> tuple[float, float]:
+        nearest_m = slant_range_m(distance_m, height_m) - within_m
+        steepest = 4.343 * 3.5 / nearest_m if nearest_m > 0.0 else math.inf
+        return steepest, steepest
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("three_d", [False, True])
+def test_a_path_loss_has_the_same_changes_with_and_without_bounds(three_d: bool) -> None:
+    logs = []
+    for loss in (Sampled, Bounded):
+        kind = {"kind": f"{loss.__module__}:{loss.__qualname__}"}
+        radio = {"kind": "link_classes", "power_dbm": 10, "path_loss": kind}
+        text = {
+            "map": {"dimensions": 3 if three_d else 2},
+            "drones": {"count": 3, "radio": radio | {"interference": "co_channel"}},
+            "users": {"count": 12},
+            "episode": {"steps": 5},
+            "association": "strongest",
+        }
+        world = build_world(from_mapping(text), 0)
+        one, other = engines(world, (True,) * 3)
+        assert differences(one, other, 1, 0) == []
+        logs.append((one.log.events, [row(request) for request in one.log.requests]))
+    assert logs[0] == logs[1]
+    assert len(logs[0][0]) > 100

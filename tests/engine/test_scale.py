@@ -31,7 +31,7 @@ def fly(drones, users, steps, **keys):
     tracemalloc.start()
     shown = engine.reset(path)
     while not shown.truncated:
-        shown = engine.step(decide(policy, shown))
+        shown = engine.step(decide(policy, shown, world))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     return engine.log, peak

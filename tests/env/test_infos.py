@@ -14,6 +14,7 @@ from tests.env.helpers import CASES, play_parallel, play_single
 OF_ALL = [
     "sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent", "seed", "world_seed",
     "episode_number", "attached_users", "crashes", "requests", "elapsed_steps", "forced",
+    "duration_steps", "discount",
 ]  # fmt: skip
 TERMS = {
     "coverage": ["users"],

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import copy
+import os
+import pickle
+import signal
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium import error
 from gymnasium.vector import AutoresetMode
 
-from desim_uav.env import UavParallelVectorEnv, UavVectorEnv
+from desim_uav.env import UavEnv, UavParallelEnv, UavParallelVectorEnv, UavVectorEnv
 from desim_uav.env.many import FEWEST_DRAWN, shares_of
 from desim_uav.model.rules import Mode
 from desim_uav.rules.words import OUT_OF_MEMORY
@@ -78,6 +83,68 @@ def test_a_task_that_fails_leaves_the_others_done():
     with pytest.raises(ValueError, match="one's own"):
         env._do([task, fail, *[task] * 20], env._all)
     assert len(done) == 21
+    env.close()
+
+
+class TestTwoThreadsOfTheCaller:
+    """Compiled code runs without Python's lock, so a second thread must not get there."""
+
+    @pytest.mark.parametrize(
+        ("make", "action"),
+        [
+            (lambda: UavVectorEnv("tiny", 2, {"world_seed": 1}, threads=2), np.zeros((2, 1), int)),
+            (lambda: UavParallelVectorEnv("tiny", 2, {"world_seed": 1}), np.zeros((2, 1), int)),
+            (lambda: UavEnv("tiny", engine="batch"), 0),
+            (lambda: UavParallelEnv("tiny"), {"drone_0": 0}),
+        ],
+        ids=["vector", "parallel_vector", "single", "parallel"],
+    )
+    def test_the_second_one_is_refused(self, make: Any, action: Any):
+        env = make()
+        calls: dict[str, Any] = {
+            "reset": env.reset,
+            "step": lambda: env.step(action),
+            "save": env.save,
+            "restore": lambda: env.restore(saved),
+            "fork": lambda: env.fork(2),
+            "render": env.render,
+        }
+        env.reset(seed=1)
+        saved = env.save()
+        with ThreadPoolExecutor(1) as other:
+            with env.guard:
+                for call in calls.values():
+                    with pytest.raises(error.Error, match="another thread is using this"):
+                        other.submit(call).result()
+            told = other.submit(calls["step"]).result()  # one after the other is no fault
+        twin = copy.deepcopy(env)
+        assert twin.guard is not env.guard and pickle.loads(pickle.dumps(env)).guard is not None
+        env.restore(saved)
+        again = env.step(action)
+        np.testing.assert_equal(again[1], told[1])
+        for each in (env, twin):
+            each.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="a system without fork")
+def test_a_child_that_was_forked_after_threads_were_used_has_threads_of_its_own():
+    """It has none of its parent's; a call in it would wait for them without an end."""
+    env = UavVectorEnv("tiny", 4, {"world_seed": 1}, threads=2)
+    env.reset(seed=1)
+    actions = np.zeros((4, 1), int)
+    env.step(actions)
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:  # no exception may reach pytest here
+        signal.alarm(30)  # ends the child if it hangs
+        os.write(writer, env.step(actions)[1].tobytes())
+        os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as answer:
+        told = np.frombuffer(answer.read())
+    assert os.waitpid(child, 0)[1] == 0
+    np.testing.assert_array_equal(told, env.step(actions)[1])
     env.close()
 
 

@@ -64,6 +64,36 @@ def test_it_goes_on_from_memory_and_from_a_file(kind: str, epoch: str, tmp_path:
     )
 
 
+SCENARIOS = {
+    "case8": {"reward": {"kind": "qoe"}},
+    "case9": {},
+    "delivery_watch": {},
+    "festival": {},
+    "interference": {},
+}
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        pytest.param(name, marks=() if name == "case8" else pytest.mark.thorough)
+        for name in SCENARIOS
+    ],
+)
+def test_the_start_of_a_later_episode_goes_on_from_a_file(scenario: str, tmp_path: Path):
+    """Nothing of the episode before may be in a state whose commands are none."""
+    config, file = {"episode.steps": 3, **SCENARIOS[scenario]}, tmp_path / "state.npz"
+    env, other = (UavEnv(scenario, config=config, world_seed=0) for _ in range(2))
+    for episode in range(3):
+        env.reset(seed=1 if episode == 0 else None)
+        env.save().write(file)
+        other.restore(file)
+        assert other.save().saved.digest() == env.save().saved.digest()
+        env.action_space.seed(episode)
+        for _ in range(episode + 1):  # the second episode is left before its end
+            env.step(env.action_space.sample())
+
+
 def _plain(told: Any) -> Any:
     return {str(k): part for k, part in enumerate(told)}
 

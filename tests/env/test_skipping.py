@@ -78,7 +78,9 @@ def test_forced_epochs_are_skipped_in_the_joint_environment(config: dict[str, An
             assert (seen == told[0]).all() and told[2:4] == (terminated, truncated)
             assert told[1] == pytest.approx(sum(r * GAMMA**k for k, r in enumerate(rewards)))
             info_of_other = told[4]
-            assert repr(info) == repr(info_of_other)
+            way = {"duration_steps": len(rewards), "discount": pytest.approx(GAMMA ** len(rewards))}
+            assert way.items() <= info_of_other.items()
+            assert repr(info) == repr(info_of_other | {key: info[key] for key in way})
             if not info_of_other["forced"]:
                 assert info["elapsed_steps"] >= len(rewards)
             skipped += len(rewards) - 1
@@ -115,13 +117,16 @@ def test_each_agent_is_paid_when_it_decides_again(config: dict[str, Any], gamma:
                 if not plain.agents or not all(info["forced"] for info in infos.values()):
                     break
                 actions = choice(seen, rng)
-            assert (over[0], over[1], infos) == (ends, cuts, told)
+            assert (over[0], over[1]) == (ends, cuts)
             for agent, info in infos.items():
+                lasted, discount = (told[agent].pop(key) for key in ("duration_steps", "discount"))
+                assert told[agent].items() <= info.items()
                 expected = sum(reward * gamma**k for k, reward in enumerate(owed[agent]))
                 if info["forced"] and plain.agents:
-                    assert paid[agent] == 0.0
+                    assert (paid[agent], lasted, discount) == (0.0, 0.0, 1.0)
                 else:
                     assert paid[agent] == pytest.approx(expected)
+                    assert lasted == len(owed[agent]) and discount == pytest.approx(gamma**lasted)
                     assert info["elapsed_steps"] == len(owed[agent]) or not plain.agents
                     owed[agent] = []
     assert epochs < steps == 120

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,10 +13,11 @@ import pandas as pd
 import pytest
 
 from desim_uav.errors import PolicyError, ScenarioError
+from desim_uav.experiment.bench import submission
 from desim_uav.experiment.bench import tasks as frozen
 from desim_uav.experiment.bench.board import board, markdown, profile
 from desim_uav.experiment.bench.bounds import CLOSE, compute, has_bound, kept
-from desim_uav.experiment.bench.measure import worst_tenth
+from desim_uav.experiment.bench.measure import Measured, worst_tenth
 from desim_uav.experiment.bench.profile import figure, panels, shares
 from desim_uav.experiment.bench.score import RESAMPLES, interquartile_mean, resampled, score
 from desim_uav.experiment.bench.submission import ROWS, columns_of, read, read_all
@@ -613,3 +615,27 @@ def test_an_interruption_keeps_the_seeds_that_have_ended(tmp_path, monkeypatch):
     task, place = find_task("uav-v1/multi-service"), Place(tmp_path / "kept", "kept")
     done = run.submit(task, TRACKS["one"], "hover", place)
     assert done.interrupted and read(done.folder).about.seeds == [100]
+
+
+@pytest.mark.parametrize("where", ["versions", "write"])
+@pytest.mark.parametrize("earlier", [True, False])
+def test_a_second_ctrl_c_while_the_seeds_are_written(where, earlier, tmp_path, monkeypatch):
+    """They are kept, and it is an interruption only if the first one came before the end."""
+    from desim_uav.experiment.bench import run
+    from desim_uav.run_folder import Place
+
+    def flown(task, track, policies, seeds, jobs, on_run):
+        return [Measured({"seed": seeds[0]}, np.zeros(1))], earlier
+
+    def disturbed(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        return {} if where == "versions" else tmp_path
+
+    monkeypatch.setattr(run, "_measured", flown)
+    monkeypatch.setattr(submission, "write", lambda place, *_: place.out)
+    monkeypatch.setattr(
+        *((run, "versions") if where == "versions" else (submission, "write")), disturbed
+    )
+    task = find_task("uav-v1/multi-service")
+    done = run.submit(task, TRACKS["one"], "hover", Place(tmp_path, "kept"))
+    assert (done.folder, done.interrupted, done.manifest["seeds"]) == (tmp_path, earlier, [100])

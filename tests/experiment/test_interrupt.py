@@ -1,5 +1,6 @@
 """A second Ctrl-C ends a command at once, even while machine code runs that never comes back."""
 
+import importlib
 import json
 import os
 import signal
@@ -7,19 +8,23 @@ import subprocess
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 
+from desim_uav.experiment import interrupt
 from desim_uav.experiment.interrupt import at_once, interruptible
 from tests.command_line import program, with_plug_ins
 
 PLUG_INS = '''
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 
+from desim_uav.model.mobility import Static
 from desim_uav.rules.rewards import Coverage
 from desim_uav.policies.hover import Hover
 
@@ -76,6 +81,13 @@ class StuckOnSeedTwo(Hover):
             get_stuck()
 
 
+class StuckWalks(Static):
+    """Gets stuck in machine code while a scenario is checked."""
+
+    def problems(self, users, area):
+        get_stuck()
+
+
 class StuckReward(Coverage):
     """Gets stuck in machine code in the third episode."""
 
@@ -123,6 +135,18 @@ def test_a_run_keeps_its_finished_episodes():
     folder = Path(json.loads(out)["run_dir"])
     assert [path.name for path in folder.parent.iterdir()] == [folder.name]
     assert set(pd.read_parquet(folder / "requests.parquet")["episode"]) == {0, 1}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", ["validate", "run", "train"])
+def test_the_checks_of_a_scenario_can_be_interrupted(command):
+    """Machine code in a check was deaf to Ctrl-C."""
+    walks = ("-S", "users.mobility={kind: 'stuck:StuckWalks'}")
+    Path("some.yaml").write_text("name: some\n")
+    code, out, err = stopped(signal.SIGINT, 1, command, "some.yaml", *walks)
+    assert code == 130
+    assert out == ""
+    assert "Traceback" not in err
 
 
 @pytest.mark.thorough
@@ -186,6 +210,50 @@ def test_a_sweep_keeps_the_jobs_that_have_ended():
     assert code == 130
     assert "interrupted; 5 of 8 jobs are kept; --resume goes on" in err
     assert len(list(Path("s/results").glob("[!.]*"))) == 5
+
+
+class TestLeave:
+    def test_a_further_ctrl_c_ends_at_once(self, monkeypatch):
+        """The process would end with a traceback, while it waits for abandoned work."""
+        codes = []
+
+        def end(code):
+            codes.append(code)
+            raise SystemExit
+
+        waited = SimpleNamespace(join=lambda s: signal.raise_signal(signal.SIGINT))
+        monkeypatch.setattr(os, "_exit", end)
+        monkeypatch.setattr(interrupt, "_left", [waited])
+        with pytest.raises(SystemExit):
+            interrupt.leave(1)
+        assert codes == [130]
+
+    def test_while_the_first_one_is_reported(self, capsys, monkeypatch):
+        """Whatever the command: the code is that of an interruption, without a traceback."""
+        module = importlib.import_module("desim_uav.cli.main")
+
+        def interrupted(**_):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(module, "_program", lambda: interrupted)
+        monkeypatch.setattr(module, "leave", lambda code: None)
+        monkeypatch.setattr(module.sys, "exit", end_once := Once(module.sys.exit))
+        with pytest.raises(SystemExit) as ended:
+            module.main()
+        assert ended.value.code == 130 and end_once.disturbed
+
+
+class Once:
+    """A function that is interrupted when it is first called."""
+
+    def __init__(self, function):
+        self.function, self.disturbed = function, False
+
+    def __call__(self, *arguments):
+        if not self.disturbed:
+            self.disturbed = True
+            signal.raise_signal(signal.SIGINT)
+        return self.function(*arguments)
 
 
 class TestInterruptible:

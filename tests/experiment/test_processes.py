@@ -1,6 +1,8 @@
 """Tasks in processes: every result once, errors as they are, and no process left behind."""
 
+import errno
 import math
+import multiprocessing as mp
 import operator
 import os
 import signal
@@ -14,6 +16,7 @@ import pytest
 
 from desim_uav.errors import SimulationError
 from desim_uav.experiment.processes import run_each
+from tests.selection import by_default
 
 ROOT = Path(__file__).parents[2]
 AWKWARD = '''
@@ -71,6 +74,66 @@ def test_the_others_go_on_where_somebody_hears_of_the_dead():
 
 def exit_if_below_zero(number):
     return number if number >= 0 else os._exit(1)
+
+
+WITHOUT_GUARD = (
+    "from desim_uav.experiment.processes import run_each\n"
+    "print(dict(run_each(abs, [(-1,), (2,)], 2)))\n"
+)
+
+
+@pytest.mark.parametrize(
+    "how", by_default(["file", "stdin"], ["file", "stdin", "command", "guarded"])
+)
+def test_a_script_whose_processes_cannot_begin_is_told_why(how, tmp_path):
+    """They run the script again, which would start processes again, or they do not find it."""
+    file, (first, second) = tmp_path / "script.py", WITHOUT_GUARD.splitlines()
+    guard = 'if __name__ == "__main__":\n    ' if how == "guarded" else ""
+    file.write_text(f"{first}\n{guard}{second}\n", encoding="utf-8")
+    arguments = {"stdin": ["-"], "command": ["-c", WITHOUT_GUARD]}
+    done = subprocess.run(
+        [sys.executable, *arguments.get(how, [file])],
+        input=WITHOUT_GUARD if how == "stdin" else "",
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=60,
+        check=False,
+    )
+    if how in ("command", "guarded"):
+        assert sorted(done.stdout) == sorted("{0: 1, 1: 2}\n") and not done.stderr
+        return
+    told = {"file": "under `if __name__", "stdin": "save it in a file"}[how]
+    assert "UsageError" in done.stderr and told in done.stderr.splitlines()[-1]
+    assert "memory" not in done.stderr and "freeze_support" not in done.stderr
+
+
+def test_the_system_has_no_room_for_a_process(monkeypatch):
+    def start(process):
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr(mp.get_context("spawn").Process, "start", start)
+    with pytest.raises(SimulationError, match=r"no further process can be started \(Resource"):
+        list(run_each(abs, [(-1,), (2,)], 2))
+
+
+def test_a_second_ctrl_c_leaves_no_process_behind(monkeypatch):
+    """It comes while the processes are being ended after the first one."""
+    killed = []
+
+    kill_it = mp.get_context("spawn").Process.kill
+
+    def kill(process):
+        if not killed:
+            signal.raise_signal(signal.SIGINT)
+        killed.append(process)
+        kill_it(process)
+
+    monkeypatch.setattr(mp.get_context("spawn").Process, "kill", kill)
+    with pytest.raises(KeyboardInterrupt), closing(run_each(abs, [(-1,), (2,)], 2)) as ended:
+        next(ended)
+        raise KeyboardInterrupt
+    assert len(killed) == 2 and not any(process.is_alive() for process in killed)
 
 
 def test_whoever_gets_the_results_may_stop():

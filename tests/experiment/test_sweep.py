@@ -529,7 +529,7 @@ class TestFolder:
         [
             (
                 ("--seeds", 1),
-                "2 of its 4 jobs are not among these 2 (values, policies or seeds differ)",
+                "2 of its 4 jobs are not among these 2 (values, policies, seeds or files differ)",
             ),
             (("-S", "episode.steps=3"), "2 of its 4 jobs are not among these 2"),
             (("--policies", "random"), "4 of its 4 jobs are not among"),

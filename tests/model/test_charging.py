@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from desim_uav.errors import ScenarioError
 from desim_uav.model.battery import charged_us, time_to_full_us
-from desim_uav.model.charging import Constant, Swap, Tapered
+from desim_uav.model.charging import MOST_US, Constant, Swap, Tapered, until_tapered
 from desim_uav.scenario.load import loads, scenario_hash, to_plain
 from desim_uav.world import build_world
 
@@ -71,6 +71,11 @@ class TestTapered:
         assert own.charged(battery, takes_us, CAPACITY) == full
         assert own.charged(battery, takes_us - 1, CAPACITY) < full
         assert own.charged(battery, 0, CAPACITY) == battery
+
+    @pytest.mark.parametrize("power", [1e-9, 1e-12, 6e-20, 1e-300])
+    def test_a_charge_without_end_is_found_at_once(self, power):
+        """It was counted microsecond by microsecond, for ever."""
+        assert until_tapered(0, CAPACITY, power, 0.8, round(0.9999 * CAPACITY)) == MOST_US
 
     @settings(deadline=None, max_examples=200)
     @given(st.integers(0, CAPACITY), st.integers(0, 2 * 10**9), st.integers(0, 10**6))

@@ -137,6 +137,63 @@ def test_a_changed_constant_is_compiled_anew(tmp_path):
     assert told(module_of(tmp_path, SOURCE.format(factor=3.5))) == (3.5, False)
 
 
+@pytest.mark.parametrize("value", ["np.int64({})", "np.bool_({} - 2)", "(0, ({},))[1][0]"])
+def test_a_changed_constant_of_any_type_is_compiled_anew(tmp_path, value):
+    source = SOURCE.replace("import kernel\n", "import kernel\nimport numpy as np\nX = {value}\n")
+    for number, from_disk in [(2, False), (2, True), (3, False)]:
+        module = module_of(tmp_path, source.format(factor="X", value=value.format(number)))
+        assert told(module, 4.0) == (module.X * 4.0, from_disk)
+
+
+def test_a_changed_constant_some_dots_away_is_compiled_anew(tmp_path):
+    source = SOURCE.replace("import kernel\n", "import kernel\nimport own_package.rates\n")
+    for name in ("own_package", "own_package.rates"):
+        sys.modules[name] = ModuleType(name)
+    sys.modules["own_package"].rates = rates = sys.modules["own_package.rates"]
+    for gap, from_disk in [(2.5, False), (2.5, True), (3.5, False)]:
+        rates.GAP_S = gap
+        module = module_of(tmp_path, source.format(factor="own_package.rates.GAP_S"))
+        assert told(module) == (gap, from_disk)
+    del sys.modules["own_package"], sys.modules["own_package.rates"]
+
+
+def test_code_with_a_value_that_cannot_be_described_is_not_kept(tmp_path, capsys):
+    """Two files have one notice, which names the value."""
+    source = """
+from decimal import Decimal
+from numba.extending import overload
+from desim_uav.model.kernels import kernel
+X = Decimal({factor})
+def factor():
+    return float(X)
+@overload(factor)
+def _factor():
+    number = float(X)
+    return lambda: number
+@kernel
+def of_ones_own(x):
+    return factor() * x
+"""
+    for number in (2, 3, 3):
+        module = module_of(tmp_path, source.format(factor=number))
+        assert told(module) == (float(number), False)
+        assert not kernels.compiled_before(module.of_ones_own)
+    assert files(tmp_path) == []
+    assert capsys.readouterr().err.splitlines() == [
+        "desim-uav: compiled code of 'of_ones_own' is not kept on disk, and is compiled anew in "
+        "each process, because it depends on a value whose changes cannot be detected: "
+        "'X' in 'mine.factor' is a value of type 'decimal.Decimal'"
+    ]
+
+
+def test_settings_of_numba_count(tmp_path, monkeypatch):
+    """``NUMBA_BOUNDSCHECK`` and ``NUMBA_OPT``, for instance."""
+    assert told(module_of(tmp_path, SOURCE.format(factor=2.5))) == (2.5, False)
+    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
+    assert told(module_of(tmp_path, SOURCE.format(factor=2.5))) == (2.5, False)
+    assert told(module_of(tmp_path, SOURCE.format(factor=2.5))) == (2.5, True)
+
+
 def test_python_may_run_older_code_than_the_file_holds(tmp_path):
     """A file that is written twice in a second, at the same length, looks unchanged to Python.
 

@@ -42,7 +42,9 @@ def file_of(tmp_path: Path, text: str, name: str = "walks.fcd.xml") -> Path:
 
 
 def test_way_points_with_their_lines(tmp_path: Path):
-    assert read_fcd(file_of(tmp_path, FCD)) == [
+    found = read_fcd(file_of(tmp_path, FCD))
+    assert found.containers == 1
+    assert found.way_points == [
         WayPoint("vehicle 'b'", 0.0, 10.0, 20.0, 6),
         WayPoint("person 'b'", 0.0, 1.5, 2.0, 7),
         WayPoint("vehicle 'b'", 2.0, 16.0, 20.0, 10),
@@ -97,7 +99,16 @@ def step(inner: str, time: str = "0") -> str:
         (step('<vehicle id="a" x="1"/>'), ":3: <vehicle> has no attribute 'y'"),
         (step('<vehicle x="1" y="1"/>'), ":3: <vehicle> has no attribute 'id'"),
         (step('<vehicle id="a" x="nan" y="1"/>'), ":3: x: 'nan': must be a finite number"),
-        (step('<vehicle id="a" x="-1" y="1"/>'), ":3: x: '-1': must be at least 0"),
+        (
+            step('<vehicle id="a" x="1" y="-2e9"/>'),
+            ":3: y: '-2e9': must be a finite number from -1,000,000,000 to 1,000,000,000",
+        ),
+        (step('<container id="c" x="1" y="1"/>'), ": it has 1 containers, but no vehicles"),
+        ("<fcd-export/>", ": it has no vehicles or persons, which are the users"),
+        (
+            '<!-- <configuration>\n<fcd-output.geo value="true"/> -->\n' + step(""),
+            ":1: its positions are longitudes and latitudes in degrees (SUMO's option",
+        ),
         (step("", "00:00:07"), ":2: time: '00:00:07': could not convert"),
         (
             '<fcd-export><vehicle id="a" x="1" y="1"/></fcd-export>',

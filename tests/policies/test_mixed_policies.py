@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 from desim_uav.engine.base import EpisodeLog
 from desim_uav.engine.choose import ENGINES
-from desim_uav.errors import DesimError, PolicyError, ScenarioError
+from desim_uav.errors import DesimError, PolicyError, ScenarioError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.experiment.run import play
 from desim_uav.learning.training import Training
@@ -138,9 +139,20 @@ def test_an_action_of_the_other_kind_is_refused(chosen: Any, says: str):
         flown(limited(), chosen)
 
 
-def test_numbers_for_a_drone_by_cells_are_refused():
-    with pytest.raises((DesimError, ValueError), match="drone 0 flies from cell to cell"):
-        flown(limited(), lambda seen, mask: [0.5, 0.0, -1.0])
+@pytest.mark.parametrize(
+    ("drone", "answer", "allowed"),
+    [
+        (0, [0.5, 0.0, -1.0], "the index of an action, a whole number: 0 (forward), "),
+        (1, [0.5, 0.0], "3 finite numbers, or the index of an action: 4 (hover), "),
+        (1, [0.5, 0.0, math.nan], "3 finite numbers, or"),
+        (1, [0.5, 0.0, "up"], "3 finite numbers, or"),
+        (1, 0.5, "3 finite numbers, or"),
+    ],
+)
+def test_commands_of_the_other_kind_are_refused(drone: int, answer: Any, allowed: str):
+    with pytest.raises(SimulationError) as error:
+        flown(limited(), lambda seen, mask: answer if seen.drone == drone else 4)
+    assert f"it returned {answer!r} for drone {drone}; allowed: {allowed}" in str(error.value)
 
 
 @pytest.mark.parametrize("policy", ["greedy", "rollout:baseline", "clairvoyant"])

@@ -11,11 +11,14 @@ import pytest
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.errors import PolicyError
+from desim_uav.experiment.command import label_of
 from desim_uav.experiment.run import headline, play, run
+from desim_uav.experiment.sweep.plan import policy_digest
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.rules import Mode
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
+from desim_uav.policies.base import as_seen, file_of
 from desim_uav.policies.clairvoyant import Clairvoyant
 from desim_uav.policies.greedy import Greedy
 from desim_uav.policies.hover import Hover
@@ -262,6 +265,22 @@ def test_a_rollout_of_hovering_flies_to_the_users():
     policy = Rollout(base=Hover(), samples=1, horizon=3)
     assert flown(world, policy) == [(4, 0), (4, 0), (4, 0)]
     assert policy.name == "rollout:desim_uav.policies.hover:Hover"
+
+
+@pytest.mark.parametrize("base", ["case8.npz", "ppo_case8.npz"])
+def test_a_table_or_a_network_from_a_file_is_a_base(base: str):
+    """The run has the observation of the network, and is warned of what the base warns of."""
+    name = f"rollout:{base}+samples=1+horizon=2"
+    scenario = as_seen(load("case8", ["episode.steps=2"]), name)
+    assert scenario.observation == as_seen(load("case8"), base).observation
+    found = run(build_world(scenario, 0), load_policy(name), name, 3, 1, engine="batch")
+    alone = run(build_world(scenario, 0), load_policy(base), base, 3, 1, engine="batch")
+    reached, least = (headline(one.requests, one.episodes) for one in (found, alone))
+    assert reached["qoe3_percent"] > 0.9 * least["qoe3_percent"] > 0
+    said = [load_policy(one).notice(build_world(scenario, 1)) for one in (name, base)]
+    assert said[0] == said[1] and "in another world" in said[0]
+    assert file_of(name) == file_of(base) and policy_digest(name) == policy_digest(base)
+    assert label_of(name) == f"rollout-{base.removesuffix('.npz')}+samples=1+horizon=2"
 
 
 def test_the_clairvoyant_waits_where_users_will_be():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -386,6 +387,16 @@ def test_a_script_says_what_to_do_and_else_it_is_hover(script: Callable[[str], s
         assert taken == [[right, hover, forward, hover], [hover, hover, left, hover]]
 
 
+def test_a_script_says_once_that_an_episode_is_shorter(
+    script: Callable[[str], str], capsys: pytest.CaptureFixture[str]
+):
+    name = script("step,drone,action\n1,0,right\n2,0,forward\n3,0,left\n")
+    list(play(square([(4, 4)], steps=2), load_policy(name), name, seed=0, episodes=2))
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{name.removeprefix('script:')}:3: 2 of 3 actions are never taken" in line
+    assert line.endswith("an episode has the steps 0 to 1")
+
+
 def test_a_script_has_its_columns_in_any_order(script: Callable[[str], str]):
     name = script("action,step,note,drone\nRight,0,x,0\n")
     log = one_episode(square([(4, 4)], steps=1), name)
@@ -556,8 +567,81 @@ def test_a_policy_that_fails_as_an_episode_begins():
 
 
 def test_a_policy_that_says_nothing():
-    with pytest.raises(SimulationError, match=r"episode 0, step 0: TypeError"):
+    with pytest.raises(SimulationError, match=r"episode 0, step 0: it returned None for drone 0"):
         one_episode(square([(4, 4)], steps=1), Vague())
+
+
+NONE_OF_ACTIONS = (
+    *(99, -1, 5, 1.7, 2.0, True, np.True_, math.nan, None, b"up"),
+    *(np.float32(1), np.array(1.0), np.array(True), [2], [], np.array([2]), {"drone": 1}, 1j),
+)
+SAYS = (
+    "; allowed: the index of an action, a whole number: 0 (forward), 1 (backward), 2 (right), "
+    "3 (left), 4 (hover)"
+)
+
+
+def told_by(world: World, policy: Any) -> str:
+    """What a run says that this policy ends."""
+    with pytest.raises(SimulationError) as error:
+        run(world, load_policy(policy), "mine:Policy", seed=0)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("answer", NONE_OF_ACTIONS, ids=repr)
+def test_what_is_no_command_is_refused(answer: Any):
+    """Whoever returns it: a function, a method for each drone, or one for all of them."""
+    world = square([(4, 4), (2, 2)], steps=3)
+
+    class Own(Steady):
+        def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+            return answer if (observation.step, observation.drone) == (1, 1) else 4
+
+    class Joint(Own):
+        def act_jointly(self, observations: Any, masks: Any) -> Any:
+            return [4, 4] if observations[0].step == 0 else (4, answer)
+
+    where = f"policy 'mine:Policy' in episode 0, step 1: it returned {answer!r} for drone 1"
+    for policy in (Own().act, Own, Joint):
+        assert told_by(world, policy) == where + SAYS
+
+
+@pytest.mark.parametrize(
+    "answers", [None, 4, [4], [4, 4, 4], "44", {0: 4, 1: 4}, np.array(4), np.array([4])], ids=repr
+)
+def test_commands_for_other_drones_than_there_are(answers: Any):
+    class Joint(Steady):
+        def act_jointly(self, observations: Any, masks: Any) -> Any:
+            return answers
+
+    told = told_by(square([(4, 4), (2, 2)], steps=1), Joint())
+    assert told == (
+        f"policy 'mine:Policy' in episode 0, step 0: it returned {answers!r}; allowed: a list with "
+        "a command for each of 2 drone(s)"
+    )
+
+
+def test_all_that_is_a_command():
+    """Whole numbers of any kind, and actions themselves."""
+    kinds = (2, np.int8(2), np.uint64(2), np.array(2), Action.RIGHT)
+    for answer in kinds:
+        log = one_episode(square([(4, 4)], steps=1), load_policy(lambda seen, mask, a=answer: a))
+        assert log.steps[0].action_taken is Action.RIGHT
+    for answers in ([2, 2], (2, 2), np.array([2, 2]), np.array([2, 2], np.uint8)):
+
+        class Joint(Steady):
+            def act_jointly(self, observations: Any, masks: Any, given: Any = answers) -> Any:
+                return given
+
+        log = one_episode(square([(4, 4), (2, 2)], steps=1), Joint())
+        assert [step.action_taken for step in log.steps] == [Action.RIGHT] * 2
+    masked = one_episode(square([(4, 4)], steps=1, battery={"autonomy_min": 9}), Masked())
+    assert masked.steps[0].action_taken is Action.HOVER, "a forbidden action is no error"
+
+
+class Masked(Steady):
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+        return mask.index(False)
 
 
 def test_what_a_policy_itself_calls_an_error_stays_it():

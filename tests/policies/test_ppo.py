@@ -10,15 +10,19 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import desim_uav as du
+from desim_uav.env import UavParallelVectorEnv
 from desim_uav.policies import load_policy
-from desim_uav.policies.mlp import MlpFile
+from desim_uav.policies.mlp import MlpFile, scaling_of
 from desim_uav.scenario.load import from_mapping
+from desim_uav.world import build_world
+from tests.semi_markov import DISCOUNTS, GAMMA, REWARDS, TWO, WAY
 
 ROOT = Path(__file__).parents[2]
 PPO = ROOT / "policies" / "ppo.py"
@@ -132,6 +136,20 @@ def test_one_seed_gives_one_result(ppo: Any):
         assert one == again != other
 
 
+class OnTheWay:
+    """An agent that flies the way of ``tests.semi_markov``."""
+
+    def __init__(self) -> None:
+        self.way = iter(WAY)
+
+    def policy(self, seen: Any, mask: Any) -> Any:
+        action = torch.tensor([[next(self.way)]])
+        return SimpleNamespace(sample=lambda: action, log_prob=lambda drawn: 0.0)
+
+    def value(self, seen: Any, state: Any) -> Any:
+        return 0.0
+
+
 class Forced:
     """What ``advantages`` reads of rollouts: drone 0 has no choice at the steps 1 and 2."""
 
@@ -143,6 +161,7 @@ class Forced:
         self.masks[1:3, ..., 0] = False
         self.terminated = torch.zeros(5, 1, 1, dtype=torch.bool)
         self.over = torch.zeros(5, 1, 1, dtype=torch.bool)
+        self.discounts = torch.full((5, 1, 1), 0.5)
 
 
 def test_values_of_forced_steps_cancel_out(ppo: Any):
@@ -152,6 +171,26 @@ def test_values_of_forced_steps_cancel_out(ppo: Any):
     last = 8 / 2 + 6 / 2 - 5
     ahead = 1 / 2 + 2 / 4 + 4 / 8 + (5 + 0.25 * last) / 8
     assert found[3] == last and found[0] == ahead - 3
+
+
+def test_advantages_by_event_are_those_of_a_semi_markov_process(ppo: Any):
+    """By hand, for lambda 0 and 1, if the values are 1, 2, 3, … and rewards count times 1/2."""
+    options = ppo.options_of(envs=1, rollout=6, gamma=GAMMA, decay=0.0)
+    scaling = scaling_of(build_world(from_mapping(TWO), 0))
+    rollouts = ppo.Rollouts(UavParallelVectorEnv(TWO, 1), scaling, options)
+    rollouts.play(OnTheWay())
+    assert rollouts.rewards[:-1].flatten().tolist() == REWARDS
+    assert rollouts.discounts[:-1].flatten().tolist() == DISCOUNTS
+    rollouts.values[:] = torch.arange(1.0, 8.0).view(-1, 1, 1)
+    ahead = [r / 2 + g * v for r, g, v in zip(REWARDS, DISCOUNTS, range(2, 8), strict=True)]
+    errors = [a - v for a, v in zip(ahead, range(1, 7), strict=True)]
+    assert rollouts.advantages().flatten().tolist() == errors
+    options.decay, expected = 1.0, [0.0]
+    for error, discount in zip(reversed(errors), reversed(DISCOUNTS), strict=True):
+        expected.append(error + discount * expected[-1])
+    assert rollouts.advantages().flatten().tolist() == expected[:0:-1]
+    network = trained(ppo, TWO, steps=32, gamma=0.875)[1]
+    assert "gamma: 0.875" in network.about["training"]["scenario_yaml"], "that of the discounts"
 
 
 def test_a_new_episode_adds_nothing_to_the_one_before(ppo: Any):

@@ -26,7 +26,7 @@ from desim_uav.errors import MissingExtraError, PolicyError
 from desim_uav.experiment.run import headline, play, run
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy, sb3
-from desim_uav.policies.base import decide
+from desim_uav.policies.base import decide, file_of
 from desim_uav.world import World, build_world
 from tests.env.helpers import BRITTLE
 
@@ -184,7 +184,7 @@ def test_a_controller_of_all_drones(
         seen, _ = env.reset()
         over = False
         while not over:
-            commands = decide(policy, env.session.snapshot)
+            commands = decide(policy, env.session.snapshot, env.session.world)
             assert commands == predicted(model, seen, env.action_masks()).tolist()
             assert (
                 env.action_masks().reshape(len(commands), -1)[range(len(commands)), commands].all()
@@ -208,7 +208,7 @@ def test_a_pilot_of_each_drone(algorithm: str, config: dict[str, Any], trained: 
         told, _ = env.reset()
         while env.agents:
             shown = env.session.snapshot
-            commands = decide(policy, shown)
+            commands = decide(policy, shown, env.session.world)
             for (seen, mask), command, observation in zip(
                 map(dict.values, told.values()), commands, shown.observations, strict=True
             ):
@@ -233,7 +233,7 @@ def test_a_pilot_of_the_only_drone_flies_each_of_many(trained: Any):
     expected = [
         predicted(model, own, mask)[0] for own, mask in zip(seen.reshape(3, -1), masks, strict=True)
     ]
-    assert decide(policy, env.session.snapshot) == expected
+    assert decide(policy, env.session.snapshot, env.session.world) == expected
 
 
 @pytest.mark.parametrize(
@@ -289,12 +289,20 @@ def test_a_network_is_built_once_for_a_world(tiny: Path, monkeypatch: pytest.Mon
     assert len(built) == 3
 
 
+def test_a_network_is_the_base_of_a_rollout(tiny: Path):
+    name = f"rollout:sb3:{tiny}+samples=1+horizon=1"
+    assert file_of(name) == tiny
+    world = build_world(configured("tiny"), 0)
+    ((log, _),) = play(world, load_policy(name), "mine", 0, engine="batch")
+    assert all(step.action == step.action_taken for step in log.steps)
+
+
 def test_nothing_of_torch_is_changed(tiny: Path):
     torch = pytest.importorskip("torch")
     before = torch.get_rng_state(), torch.get_num_threads(), torch.is_grad_enabled()
     env = UavEnv("tiny")
     env.reset()
-    decide(loaded(tiny, env.session.world), env.session.snapshot)
+    decide(loaded(tiny, env.session.world), env.session.snapshot, env.session.world)
     assert torch.equal(torch.get_rng_state(), before[0])
     assert (torch.get_num_threads(), torch.is_grad_enabled()) == before[1:]
 
@@ -452,7 +460,7 @@ def test_pickles_are_passed_over(tiny: Path, tmp_path: Path):
     env = UavEnv("tiny")
     env.reset()
     shown, world = env.session.snapshot, env.session.world
-    assert decide(loaded(file, world), shown) == decide(loaded(tiny, world), shown)
+    assert decide(loaded(file, world), shown, world) == decide(loaded(tiny, world), shown, world)
     assert not touched.exists()
     pickle.loads(base64.b64decode(trap))
     assert touched.exists(), "the trap works"

@@ -45,7 +45,7 @@ def test_a_network_acts_as_it_was_trained(tmp_path: Path, algorithm: str, drones
     seen, _ = env.reset(seed=1)
     for _ in range(5):
         wanted, _ = made.predict(seen, deterministic=True)
-        commands = decide(policy, env.session.snapshot)
+        commands = decide(policy, env.session.snapshot, env.session.world)
         np.testing.assert_allclose(np.concatenate(commands), wanted, rtol=1e-5, atol=1e-6)
         seen, *_ = env.step(wanted)
 

@@ -63,7 +63,7 @@ def flights(world: World, policy: Any, episodes: int = 3) -> list[Any]:
         policy.begin(world, Streams(0, Purpose.LEARNER, episode))
         shown = engine.reset(draw(world, 0, episode))
         while not shown.truncated:
-            commands = decide(policy, shown)
+            commands = decide(policy, shown, world)
             seen += zip(shown.observations, shown.masks, commands, strict=True)
             shown = engine.step(commands)
     return seen

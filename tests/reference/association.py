@@ -6,6 +6,9 @@ import numpy as np
 
 from tests.reference.inputs import NEVER, Inputs, Result
 
+DECIMALS = 9
+"""To how many decimals of a decibel levels are compared."""
+
 
 class Attachments:
     """Who is attached to whom: ``holder`` of each user, -1 for nobody.
@@ -24,7 +27,11 @@ class Attachments:
         self.users = np.arange(shape[1])
 
     def follow(self, t_us: int, covered: np.ndarray, level_dbm: np.ndarray) -> list[int]:
-        """Attach users by the rule, and return those whose holder has changed."""
+        """Attach users by the rule, and return those whose holder has changed.
+
+        Levels that differ by rounding are equal.
+        """
+        level_dbm = np.round(level_dbm, DECIMALS)
         if (covered != self.covered).any():
             self.entered_us[covered & ~self.covered] = t_us
             self.covered = covered
@@ -57,7 +64,7 @@ class Attachments:
         """
         for _ in range(len(level_dbm)):
             wanted_dbm = level_dbm[holder, self.users] + self.rule.margin_db
-            exceeds = self.covered & (level_dbm >= wanted_dbm)
+            exceeds = self.covered & (level_dbm > np.round(wanted_dbm, DECIMALS))
             exceeds[holder, self.users] = False
             self.exceeds_us[~exceeds] = NEVER
             self.exceeds_us[exceeds & (self.exceeds_us == NEVER)] = t_us

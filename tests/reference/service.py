@@ -35,7 +35,6 @@ class Services:
         self.asked = np.zeros(users, int)
         first = [own[0].due_us if own else NEVER for own in inputs.requests]
         self.due_us = np.array(first, np.int64)
-        self.classes = np.zeros((len(self.links), users), int)
         self.changed = True
 
     def elapse(self, dt_us: int) -> None:
@@ -99,17 +98,13 @@ class Services:
                 self.changed = True
 
     def allocate(self, t_us: int, holder: np.ndarray, classes: np.ndarray) -> None:
-        """Let each transmitter serve those attached to it, if anything has changed.
-
-        Falls of classes come before rises, so holds have to fit in the lower of both classes.
-        """
+        """Let each transmitter serve those attached to it, if anything has changed."""
         if not self.changed:
             return
         self.changed = False
-        lower, self.classes = np.minimum(classes, self.classes), classes
         for d, link in enumerate(self.links):
-            self._suspend(d, np.array(link.efficiencies)[lower[d]])
             efficiency = np.array(link.efficiencies)[classes[d]]
+            self._suspend(d, efficiency)
             attached = self.open & (holder == d)
             elastic = attached & (self.volume_ubit > 0) & (link.sharing != "held")
             free_hz = self._hold(t_us, d, attached & ~elastic, efficiency)
@@ -118,7 +113,7 @@ class Services:
     def _suspend(self, d: int, efficiency: np.ndarray) -> None:
         """Let the held requests that were admitted last wait until the others fit."""
         served = [int(user) for user in np.flatnonzero(self.server == d) if self._is_held(user, d)]
-        served.sort(key=lambda user: (self.admitted_us[user], user))
+        served.sort(key=lambda user: (self.admitted_us[user], self.asked_us[user], user))
         while sum(self._need_hz(user, efficiency) for user in served) > self.links[d].bandwidth_hz:
             self.server[served.pop()] = -1
 

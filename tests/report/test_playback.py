@@ -66,7 +66,7 @@ def engine_states(run, policy_name):
             states[episode, shown.t_us] = told
             if shown.terminated or shown.truncated:
                 break
-            shown = engine.step(decide(policy, shown))
+            shown = engine.step(decide(policy, shown, world))
     return states
 
 

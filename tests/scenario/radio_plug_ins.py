@@ -26,6 +26,16 @@ class Flat(RowPathLoss):
 
 
 @dataclass(frozen=True)
+class Wrong(Flat):
+    """A path loss with a slope that is half of what it must be."""
+
+    def slope(self, distance_m: float, height_m: float, within_m: float) -> tuple[float, float]:
+        nearest_m = slant_range_m(distance_m, height_m) - within_m
+        steepest = 2.1715 * self.exponent / nearest_m if nearest_m > 0.0 else np.inf
+        return steepest, steepest
+
+
+@dataclass(frozen=True)
 class Falling(Flat):
     """A loss that falls with the distance up to 200 m."""
 
@@ -45,6 +55,17 @@ class Sinking(Flat):
 
     def slope(self, distance_m: float, height_m: float, within_m: float) -> tuple[float, float]:
         return 10.0, 10.0
+
+
+@dataclass(frozen=True)
+class Uncompiled(Flat):
+    """A loss that only Python can compute."""
+
+    town: str = "small"
+
+    def los_db(self, distance_m: float, height_m: float, carrier_ghz: float) -> float:
+        at_1m_db = 40.0 if self.town == "small" else 60.0
+        return at_1m_db + 30.0 * log10(slant_range_m(distance_m, height_m))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from desim_uav.errors import ScenarioError
-from desim_uav.scenario.checks import doubts
+from desim_uav.scenario.doubts import doubts
 from desim_uav.scenario.layout import station_cells
 from desim_uav.scenario.load import dump, load, loads
 from desim_uav.shipped import scenario_path

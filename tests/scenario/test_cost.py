@@ -1,6 +1,8 @@
 """What an episode costs is foreseen within a factor of 4, and what is too much is refused."""
 
 import math
+import os
+import resource
 import tracemalloc
 from pathlib import Path
 
@@ -167,12 +169,6 @@ class TestRefused:
             check_engine("batch", world)
         check_engine("des", world)
 
-    def test_sums_that_64_bits_cannot_hold(self):
-        settings = ("users.count=5000", "drones.bandwidth_kbps=null", "episode.step_s=3600")
-        at_rest = ("users.mobility={kind: static}", "demand={kind: static}")
-        (problem,) = lacking(build_world(case8(*settings, *at_rest), 0))
-        assert problem.startswith("services, drones.bandwidth_kbps: the bandwidth in use")
-
 
 class TestAvailable:
     def test_is_some_of_this_machine(self):
@@ -180,7 +176,7 @@ class TestAvailable:
 
     def test_a_control_group_limits_it(self, tmp_path: Path, monkeypatch):
         limit, used = tmp_path / "memory.max", tmp_path / "memory.current"
-        monkeypatch.setattr(available, "CGROUPS", ((str(limit), str(used)),))
+        monkeypatch.setattr(available, "MOUNT", tmp_path)
         whole = available.available_bytes()
         assert math.isfinite(whole)
         limit.write_text("max\n")
@@ -188,6 +184,58 @@ class TestAvailable:
         assert available.available_bytes() > 1e6
         limit.write_text("501000\n")
         assert available.available_bytes() == 500_000
+
+    @pytest.mark.parametrize("version", [1, 2, "hybrid"])
+    @pytest.mark.parametrize("where", ["/slurm/job_7/step_0", "/slurm/job_7", "/slurm", "/"])
+    def test_the_smallest_limit_of_its_group_and_those_above(
+        self, version, where: str, tmp_path: Path, monkeypatch
+    ):
+        """A batch system makes a group for a job, in which each step has one."""
+        names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        names = names if version == 1 else ("memory.max", "memory.current", "inactive_file")
+        first = {1: "4:cpuset,memory:", 2: "0::", "hybrid": "0::"}[version]
+        mount = tmp_path / {1: "memory", 2: ".", "hybrid": "unified"}[version]
+        groups = tmp_path / "cgroup"
+        groups.write_text(f"9:name=systemd:/x\n{first}/slurm/job_7/step_0\n")
+        for path in ("slurm/job_7/step_0", "slurm/job_7", "slurm", "."):
+            limit = 700_000 if f"/{path}".rstrip(".") == where else 9223372036854771712
+            (mount / path).mkdir(parents=True, exist_ok=True)
+            (mount / path / names[0]).write_text(f"{limit}\n")
+            (mount / path / names[1]).write_text("300000\n")
+            (mount / path / "memory.stat").write_text(f"anon 7\n{names[2]} 100000\n")
+        monkeypatch.setattr(available, "MOUNT", tmp_path)
+        monkeypatch.setattr(available, "GROUPS", groups)
+        assert available.available_bytes() == 500_000  # copies of files are free at once
+
+    @pytest.mark.parametrize("kind", ["RLIMIT_AS", "RLIMIT_DATA"])
+    def test_ulimit_limits_it(self, kind: str, monkeypatch):
+        limits = {resource.RLIMIT_AS: -1, resource.RLIMIT_DATA: -1}
+        limits[getattr(resource, kind)] = 2**46
+        monkeypatch.setattr(resource, "getrlimit", lambda of: (limits[of], -1))
+        monkeypatch.setattr(available, "_of_machine", lambda: math.inf)
+        monkeypatch.setattr(available, "MOUNT", Path("/nowhere"))
+        assert 2**45 < available.available_bytes() < 2**46
+
+    @pytest.mark.parametrize(
+        ("files", "allowed"),
+        [
+            ({"job/cpu.max": "150000 100000"}, 1.5),
+            ({"job/cpu.max": "max 100000", "cpu.max": "300000 100000"}, 3.0),
+            ({"cpu/job/cpu.cfs_quota_us": "50000", "cpu/job/cpu.cfs_period_us": "100000"}, 0.5),
+            ({"cpu/job/cpu.cfs_quota_us": "-1", "cpu/job/cpu.cfs_period_us": "100000"}, math.inf),
+            ({}, math.inf),
+        ],
+    )
+    def test_the_time_of_processors(self, files, allowed, tmp_path: Path, monkeypatch):
+        for name, content in files.items():
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / name).write_text(f"{content}\n")
+        (tmp_path / "cgroup").write_text("1:cpu,cpuacct:/job\n0::/job\n")
+        monkeypatch.setattr(available, "MOUNT", tmp_path)
+        monkeypatch.setattr(available, "GROUPS", tmp_path / "cgroup")
+        monkeypatch.setattr(os, "sched_getaffinity", lambda pid: range(8))
+        assert available.quota() == allowed
+        assert available.processors() == max(1, math.ceil(min(8, allowed)))
 
 
 def test_a_tiny_footprint_takes_no_more_memory_than_another():

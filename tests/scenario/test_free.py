@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from desim_uav.errors import ScenarioError
+from desim_uav.scenario import free
 from desim_uav.scenario.load import from_mapping, scenario_hash
 from desim_uav.world import build_world
 
@@ -147,3 +148,13 @@ def test_stations_and_starts_are_no_obstacles(what):
     scenario = made({"margin_m": 3}, **sections)
     with pytest.raises(ScenarioError, match=f"drones.motion: space: free: {what}.*in an obstacle"):
         build_world(scenario, 0)
+
+
+def test_zones_that_take_minutes_to_be_cut_are_refused(monkeypatch: pytest.MonkeyPatch):
+    zones = [{"polygon_m": SQUARE}, {"polygon_m": [[300, 300], [400, 300], [400, 400]]}]
+    zoned = {"dimensions": 2, "no_fly": zones}
+    monkeypatch.setattr(free, "MOST_WORK", 25)
+    made(map=zoned)
+    monkeypatch.setattr(free, "MOST_WORK", 24)
+    with pytest.raises(ScenarioError, match=r"map\.no_fly.*7 corners of 2 polygons"):
+        made(map=zoned)

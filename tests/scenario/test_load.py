@@ -22,7 +22,7 @@ from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.learning import Schedule
 from desim_uav.scenario.load import dump, from_mapping, json_schema, load, loads, scenario_hash
 from desim_uav.scenario.schema import Episode, ListedObstacles, Scenario
-from desim_uav.scenario.yaml12 import plain_scalar
+from desim_uav.scenario.yaml12 import plain_scalar, read
 
 HERE = Path(__file__).parent
 PLUG_INS = "plug_ins"
@@ -624,3 +624,24 @@ def test_the_papers_schedules_are_the_defaults_of_its_preset() -> None:
     assert (epsilon.start, epsilon.decay, epsilon.end) == (1, 0.998, 0.05)
     assert (learning.alpha.start, learning.alpha.decay, learning.alpha.end) == (1, 0.9, 0)
     assert loads("preset: paper\nlearning: {alpha: 0.2}").learning.alpha.start == 0.2
+
+
+@pytest.mark.parametrize(
+    ("text", "data"),
+    [
+        ("a:\t1\t# one\nb\t:\t2", {"a": 1, "b": 2}),
+        ('{\n\t"a":\t[1,\t2],\n\t"b":3\n}\n', {"a": [1, 2], "b": 3}),
+        ("-\ta\n-\tb\n", ["a", "b"]),
+        ("a:\n  b: 1\n\t\n  \t# empty lines\n  c: 2\n", {"a": {"b": 1, "c": 2}}),
+    ],
+)
+def test_tabs_between_tokens(text: str, data: object) -> None:
+    """YAML 1.2 allows them, and so does JSON, which is a part of it."""
+    found = read(text)
+    assert (found.data, found.problems) == (data, [])
+
+
+@pytest.mark.parametrize("text", ["a:\n\tb: 1", "a: b\tc", "a: x\x85y"])
+def test_no_tab_indents_or_is_in_a_word(text: str) -> None:
+    """A next line (U+0085) would end a line in YAML 1.1 and not in 1.2."""
+    assert read(text).broken

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import COUNTS, MEASURES
+from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP
 from desim_uav.engine.compiled import free, looking, loop, separation
 from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
@@ -21,6 +21,7 @@ from desim_uav.model.compiled_rows import (
     pointer_to,
 )
 from desim_uav.model.coverage import leg_at, walked
+from desim_uav.model.decisions import discount_of
 from desim_uav.model.kernels import kernel, rare_rule, rule
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import requests
@@ -134,18 +135,20 @@ ADDRESSES = 3 + OUTPUTS
 """The number of columns of a table of environments, which hold the addresses of constants, sample
 path and state, and of the arrays of ``OutputRow``."""
 
-NUMBERS = len(MEASURES) + len(COUNTS)
-"""The number of MEASURES and COUNTS, after which the mean terms follow in ``OutputRow.numbers``."""
+COUNTED = len(MEASURES) + len(COUNTS)
+NUMBERS = COUNTED + len(OF_STEP)
+"""Where OF_STEP begins in ``OutputRow.numbers``, after MEASURES and COUNTS, and where it ends,
+before the mean terms."""
 
 
 class OutputRow(NamedTuple):
     """The outputs of an environment at a decision epoch, in arrays that a kernel writes.
 
     ``observations`` (drones * features,) and ``mask`` (drones * actions,) are those of all drones;
-    ``reward`` (1,) is the mean over the drones; ``numbers`` (9 + terms,) are the MEASURES (0 if
-    they are not defined yet), the COUNTS and the mean terms; ``over`` (3,) says whether the episode
-    is terminated, truncated, or stopped by a fault. ``rewards`` (drones,) are those of the drones,
-    and ``own`` (drones * (4 + terms),) the OWN_COUNTS and the terms of each drone.
+    ``reward`` (1,) is the mean over the drones; ``numbers`` (11 + terms,) are the MEASURES (0 if
+    they are not defined yet), the COUNTS, OF_STEP and the mean terms; ``over`` (3,) says whether
+    the episode is terminated, truncated, or stopped by a fault. ``rewards`` (drones,) are those of
+    the drones, and ``own`` (drones * (4 + terms),) the OWN_COUNTS and the terms of each drone.
     """
 
     observations: Any
@@ -295,7 +298,7 @@ def _look_at(world: Constants, state: State, outputs: OutputRow) -> int:
 
 @rule
 def _count(world: Constants, state: State, outputs: OutputRow) -> None:
-    """Write the COUNTS and each drone's OWN_COUNTS; steps and choices of all are the least ones."""
+    """Write COUNTS, OF_STEP and each drone's OWN_COUNTS; times and choices of all are the least."""
     step_us = float(world.step_us)
     drones, numbers, own = len(state.drones), outputs.numbers, outputs.own
     columns = 4 + len(state.drones[0].terms)
@@ -309,6 +312,8 @@ def _count(world: Constants, state: State, outputs: OutputRow) -> None:
         numbers[4] += observation.attached_users
         numbers[7] = min(numbers[7], own[first + 2])
         numbers[8] = min(numbers[8], observation.forced)
+    numbers[COUNTED] = state.share if state.step > 0 else 0.0
+    numbers[COUNTED + 1] = discount_of(world.gamma, numbers[COUNTED])
     for crash in range(len(state.crashed)):
         own[columns * state.crashed[crash] + 1] += 1.0
 
@@ -319,7 +324,7 @@ def _pay(state: State, outputs: OutputRow) -> None:
     drones, terms = len(state.drones), len(state.drones[0].terms)
     numbers, own, paid, reward = outputs.numbers, outputs.own, state.step > 0, 0.0
     for term in range(terms):
-        numbers[9 + term] = 0.0
+        numbers[NUMBERS + term] = 0.0
     for d in range(drones):
         own_reward = state.rewards[d] if paid else 0.0
         outputs.rewards[d] = own_reward
@@ -328,9 +333,9 @@ def _pay(state: State, outputs: OutputRow) -> None:
         for term in range(terms):
             value = state.drones[d].terms[term] if paid else 0.0
             own[first + term] = value
-            numbers[9 + term] += value
+            numbers[NUMBERS + term] += value
     for term in range(terms):
-        numbers[9 + term] /= drones
+        numbers[NUMBERS + term] /= drones
     outputs.reward[0] = reward / drones
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from desim_uav.copies import Unchanging, owned
 from desim_uav.engine.air import Room, fits_between, set_air, set_memory, set_room, windows_for
 from desim_uav.engine.base import RunSettings
+from desim_uav.engine.compiled.bounds import too_large
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
     RADIO_SLOTS,
@@ -57,31 +58,19 @@ def lacking(world: World) -> list[str]:
     for key, slot, component in chosen:
         if why := why_not_compiled(slot, component, world.services.names):
             lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
-    return lacks + _too_large(world)
+    return lacks + too_large(world) + _too_slow(world)
 
 
 MOST_PLANNING = 4 * 10**9
 """The largest squared number of places from which returns are planned, in some minutes."""
 
 
-def _too_large(world: World) -> list[str]:
-    """Return the keys by which 64-bit sums would overflow, or returns take too long to plan."""
-    problems = []
-    grid = world.grid
-    users, most_us = len(world.homes), 2**62 // world.horizon_us
-    if users > most_us:
-        problems.append("users.count, episode: the time of all users together is too long")
-    widest = int(world.services.bandwidths_bps.max())
-    carried = users * widest
-    if not math.isinf(world.bandwidth_of_all_hz):
-        carried = min(carried, int(world.bandwidth_of_all_hz))
-    if carried > most_us:
-        problems.append("services, drones.bandwidth_kbps: the bandwidth in use is too large")
-    nx, ny = grid.cells
-    places = len(grid.levels_m) * nx * ny
-    if len(world.planners) * places * places > MOST_PLANNING:
-        problems.append(f"map.cells, map.levels: ways back from {places:,} places take too long")
-    return problems
+def _too_slow(world: World) -> list[str]:
+    """Return the keys by which returns take too long to plan, if so."""
+    places = math.prod(world.grid.blocked.shape)
+    if len(world.planners) * places * places <= MOST_PLANNING:
+        return []
+    return [f"map.cells, map.levels: ways back from {places:,} places take too long"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from pickle import UnpicklingError
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from desim_uav.model.walking import misstep, walking_of
 from desim_uav.rules.rows import Constants, Drone, Look, Plan, State, Station
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY
 from desim_uav.sample_path import SamplePath, SamplePaths
+from desim_uav.scenario.components import code_of, own_classes
 from desim_uav.world import World
 
 BUFFER, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
@@ -63,14 +65,15 @@ class BatchSimulation(Engine):
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes, and a digest of the code that determines the layout of memory."""
         value = {key: part for key, part in vars(self).items() if key not in DERIVED}
-        return {**value, "code": kernels_digest()}
+        return {**value, "code": _code_of(self.world)}
 
     def __setstate__(self, value: dict[str, Any]) -> None:
         """Restore the attributes in new memory. Raises UnpicklingError if other code wrote them."""
-        if value["code"] != kernels_digest():
+        if value["code"] != _code_of(value["world"]):
             raise UnpicklingError(
-                "the compiled engine in this pickle was written by another version of desim-uav or "
-                "of Python, which may lay out its memory differently; use the same versions"
+                "the compiled engine in this pickle was written by another version of desim-uav, "
+                "of Python, or of a component of its scenario, which may lay out its memory "
+                "differently; use the same versions"
             )
         vars(self).update({key: part for key, part in value.items() if key != "code"})
         if "path" in value:
@@ -342,6 +345,17 @@ class BatchSimulation(Engine):
         self.new_log(self.log.episode)
         calls.run(*self.addresses(), RESET)
         return 0
+
+
+_CODES: WeakKeyDictionary[World, list[str]] = WeakKeyDictionary()
+
+
+def _code_of(world: World) -> list[str]:
+    """Return digests of the code that determines the layout of a world's engines in memory."""
+    if world not in _CODES:
+        own = {code_of(cls) for cls in own_classes(world.scenario)}
+        _CODES[world] = [kernels_digest(), *sorted(own)]
+    return _CODES[world]
 
 
 @cache

@@ -69,7 +69,8 @@ class InAir:
         self._kept: list[Any] = []  # which the constants point at
         for row, links in zip(constants.radios, world.links, strict=True):
             if links.in_air:
-                loss = compiled_loss(links.radio.path_loss)
+                radio = links.radio
+                loss = compiled_loss(radio.path_loss, float(radio.carrier_ghz))
                 row.level, row.rates, row.loss_values = loss.level, loss.rates, loss.values
                 self._kept.append(loss)
             if row.sight == DRAWN:

@@ -124,6 +124,7 @@ class Simulation(Engine):
         self._follow(path)
         self._start_clock(0)
         world, state, own = self.constants, self.state, self.own_path
+        state.named_terms = ()
         begin(world, own, state)
         self._start_processes()
         self.clock.run_to_end()
@@ -193,18 +194,21 @@ class Simulation(Engine):
                 processes.tell(drone.index)
         self.clock.run_before(state.now_us, key(COVERAGE, -1, -1))
         settle(world, self.own_path, state, COVERAGE, ADMISSION)
+        self._after_event()
         self.clock.run_to_end()
         state.now_us = int(self.clock.now)
         end_step(world, self.own_path, state)
         self.check_components()
         self.drain_log()
+        if state.terminated or state.truncated:
+            self._after_event()
         return self.snapshot()
 
     def _after_event(self) -> None:
-        """Call the audit."""
-        assert self.audit is not None
-        self.state.now_us = int(self.clock.now)
-        self.audit(self)
+        """Call the audit, if there is one."""
+        if self.audit is not None:
+            self.state.now_us = int(self.clock.now)
+            self.audit(self)
 
     def _foresee(self, world: Any, path: Any, state: Any, drone: Any, span_us: int) -> None:
         """Write the changes on a leg to ``drone.ahead`` (see ``rules.classes.foresee``)."""

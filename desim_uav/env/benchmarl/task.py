@@ -26,7 +26,8 @@ class UavTask(TaskClass):  # type: ignore[misc]
     All drones are one group, ``"drone"``, with masks, their own rewards, and the whole state of
     the simulation as global state for critics and mixers. No step is skipped, also where a drone
     has no choice, so that a discount per step is one per time: what is ``elapsed_steps`` later is
-    discounted by gamma to this power.
+    discounted by gamma to this power. Decisions by event are refused, because the algorithms of
+    BenchMARL discount each transition by the same factor.
     """
 
     @classmethod
@@ -69,6 +70,7 @@ class UavTask(TaskClass):  # type: ignore[misc]
         def made() -> EnvBase:
             env = UavTorchEnv(num_envs=num_envs, seed=first, device=device, **self.config)
             env.vector.sessions[0].scenario.require_cells("a task of BenchMARL")
+            env.vector.sessions[0].tasks.require_one_discount("BenchMARL")
             return env
 
         return made

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from desim_uav import escaped
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench.score import Interval, interquartile_mean, score
 from desim_uav.experiment.bench.submission import Submission
@@ -204,7 +205,7 @@ def _line(row: dict[str, Any]) -> list[str]:
         _number(row["worst_tenth_qoe1_percent"], 2),
         _number(row["j_per_mbit"], 2),
         _number(row["decision_ms"], 2),
-        row["information"],
+        escaped.markdown(row["information"]),
         _of(row["trainings"], TRAINING_SEEDS),
         _of(row["seeds"], SEEDS),
     ]
@@ -212,7 +213,7 @@ def _line(row: dict[str, Any]) -> list[str]:
 
 def _name(row: dict[str, Any]) -> str:
     mark = " (knows the future: not a competitor)" if row["knows_future"] else ""
-    return f"{row['policy']}{mark}"
+    return f"{escaped.markdown(row['policy'])}{mark}"
 
 
 def _cell(found: Interval | None, digits: int) -> str:
@@ -234,11 +235,7 @@ def _number(value: float | None, digits: int) -> str:
 
 def _table(headings: Sequence[str], rows: Any) -> str:
     lines = [headings, ["---"] * len(headings), *rows]
-    return "".join("| " + " | ".join(map(_escaped, line)) + " |\n" for line in lines)
-
-
-def _escaped(text: str) -> str:
-    return " ".join(text.replace("|", "\\|").replace("<", "&lt;").split())
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
 def _plain(value: Any) -> Any:

@@ -66,6 +66,7 @@ class Recorder:
         """Begin an episode."""
         self.episodes.append([])
         since_s = time.process_time()
+        self._world = world
         self.policy.begin(world, streams, carried)
         self.spent_s += time.process_time() - since_s
 
@@ -84,7 +85,7 @@ class Recorder:
     ) -> Sequence[int]:
         """Return the policy's actions, and note them."""
         since_s = time.process_time()
-        commands = decide_by(self.policy, observations, masks)
+        commands = decide_by(self.policy, observations, masks, self._world)
         self.spent_s += time.process_time() - since_s
         self.decisions += 1
         self.episodes[-1].append(commands)

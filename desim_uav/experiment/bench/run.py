@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from desim_uav.experiment.bench import submission
 from desim_uav.experiment.bench.measure import Measured, measure
 from desim_uav.experiment.bench.tasks import BENCHMARK, ENGINE, EPISODES, STEPS, WARMUP, Task, Track
 from desim_uav.experiment.compare import out_of_place, try_on
+from desim_uav.experiment.interrupt import undisturbed
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.provenance import clock, versions
 from desim_uav.model.observations import information_of
@@ -106,18 +107,18 @@ def submit(
     started = now()
     said = about(task, track, policies, name)
     measured, interrupted = _measured(task, track, policies, chosen, jobs, on_run)
-    done = {one.row["seed"]: None for one in measured}
-    manifest = {
-        **said,
-        **({} if training_steps is None else {"training_steps": training_steps}),
-        "seeds": list(done),
-        "interrupted": interrupted,
-        "command": list(command),
-        "started": started,
-        "finished": now(),
-        "versions": versions(),
-    }
-    folder = submission.write(place, manifest, measured)
+    with suppress(KeyboardInterrupt), undisturbed():  # what has been flown is written
+        manifest = {
+            **said,
+            **({} if training_steps is None else {"training_steps": training_steps}),
+            "seeds": list({one.row["seed"]: None for one in measured}),
+            "interrupted": interrupted,
+            "command": list(command),
+            "started": started,
+            "finished": now(),
+            "versions": versions(),
+        }
+        folder = submission.write(place, manifest, measured)
     return Submitted(folder, manifest, [one.row for one in measured])
 
 

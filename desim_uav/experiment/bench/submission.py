@@ -120,7 +120,7 @@ def write(place: Place, manifest: dict[str, Any], measured: Sequence[Measured]) 
         rows = [one.row for one in measured]
         columns = columns_of(manifest["format"], find_task(manifest["task"]))
         draft.write_text(ROWS, as_csv(rows, columns))
-        (draft.path / COMMANDS).write_bytes(pack(form, commands=commands))
+        draft.write_bytes(COMMANDS, pack(form, commands=commands))
         return place.publish(draft)
 
 

@@ -21,7 +21,7 @@ from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, Outcome, Row
 from desim_uav.experiment.sweep.plan import Given
-from desim_uav.regular_file import text_of
+from desim_uav.regular_file import content_of, text_of
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.run_folder import held, write_whole
 
@@ -157,7 +157,7 @@ class SweepFolder:
         others = sum(job not in known for job in there["jobs"])
         if others:
             changed = there["scenario"]["sha256"] != plan["scenario"]["sha256"]
-            reason = "the scenario's file" if changed else "values, policies or seeds"
+            reason = "the scenario's file" if changed else "values, policies, seeds or files"
             raise PolicyError(
                 f"{self.out}: the folder holds another sweep: {others} of its "
                 f"{len(there['jobs'])} jobs are not among these {len(known)} ({reason} differ); "
@@ -186,7 +186,7 @@ def read_row(out: Path, columns: Mapping[str, str], job: str) -> Row | None:
     import pyarrow.parquet as pq
 
     try:
-        content = pa.BufferReader((out / RESULTS / f"{job}.parquet").read_bytes())
+        content = pa.BufferReader(content_of(out / RESULTS / f"{job}.parquet", MOST_BYTES))
         with pq.ParquetFile(content, page_checksum_verification=True) as file:
             table = file.read()
         schema = _schema(columns)

@@ -17,7 +17,7 @@ from desim_uav import __version__
 from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.experiment.evaluate import evaluate, measures_of
 from desim_uav.experiment.sweep.grid import MOST
-from desim_uav.experiment.sweep.plan import Arm, Asked, policy_digest
+from desim_uav.experiment.sweep.plan import Arm, Asked, policy_digest, unseeded_hash
 from desim_uav.experiment.train.course import train
 from desim_uav.policies.base import PolicyLike
 from desim_uav.policies.tabular import Greedy
@@ -117,6 +117,9 @@ def _run(job: Job, version: str) -> Outcome:
         raise DesimError(f"desim-uav is {here}, but the sweep began with {version}")
     if arm.algorithm is None and policy_digest(arm.source) != arm.digest:
         raise PolicyError(f"{arm.policy}: the file has changed since the sweep began")
+    if unseeded_hash(arm.scenario) != arm.scenario_hash:
+        name = arm.scenario.name
+        raise DesimError(f"{name}: a file or component of it has changed since the sweep began")
     policy: PolicyLike = arm.source
     if arm.algorithm is not None:
         scenario = arm.scenario.model_copy(update={"seed": job.seed})

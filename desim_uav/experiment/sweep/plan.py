@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 from desim_uav.engine.choose import check_engine, engine_for
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.compare import begin_once, out_of_place, policy_names
+from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.sweep.grid import Axis, Combination, combinations
 from desim_uav.experiment.sweep.problems import Problems
 from desim_uav.learning.algorithm import load_algorithm
@@ -21,6 +21,7 @@ from desim_uav.policies import load_policy
 from desim_uav.policies.base import file_of, parts
 from desim_uav.registry import names
 from desim_uav.regular_file import content_of
+from desim_uav.scenario.components import code_of
 from desim_uav.scenario.draft import blaming, named_override
 from desim_uav.scenario.load import (
     Overrides,
@@ -169,7 +170,7 @@ def warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
 
 
 def policy_digest(policy: str) -> str:
-    """Return the SHA-256 of a policy's file or of its class's file; "" for a built-in policy.
+    """Return the SHA-256 of a policy's file or of its class's code; "" for a built-in policy.
 
     Raises PolicyError if the file cannot be read.
     """
@@ -177,7 +178,8 @@ def policy_digest(policy: str) -> str:
     if file is None and policy in names("policy"):
         return ""
     try:
-        file = file or Path(inspect.getsourcefile(type(load_policy(policy))) or "")
+        if file is None:
+            return code_of(type(load_policy(policy)))
         return hashlib.sha256(content_of(file, LARGEST_POLICY)).hexdigest()
     except (OSError, TypeError, ValueError) as error:
         raise PolicyError(f"policy {policy!r}: its file cannot be read: {error}") from error
@@ -187,7 +189,7 @@ def _policy_arms(
     asked: Asked, combination: Combination, policies: Sequence[str], reasons: dict[str, None]
 ) -> Iterator[Arm]:
     scenario, _, engine = _prepared(asked, combination.settings, reasons)
-    hashed = _hash(scenario)
+    hashed = unseeded_hash(scenario)
     for policy in policies:
         begin_once(scenario, policy, asked.seeds[0])
         source = _source(policy)
@@ -202,7 +204,7 @@ def _learning_arm(
     scenario, world, engine = _prepared(asked, combination.settings + own, reasons)
     name = scenario.learning.algorithm
     table_features(world, load_algorithm(name).tables)
-    return Arm(combination, name, name, "", "", scenario, _hash(scenario), engine)
+    return Arm(combination, name, name, "", "", scenario, unseeded_hash(scenario), engine)
 
 
 def _prepared(
@@ -212,16 +214,17 @@ def _prepared(
 
     Raises ScenarioError with the file's name.
     """
-    scenario = asked.given.load(settings)
+    scenario = at_once(asked.given.load, settings)
     with asked.given.located(settings):
         drawn = scenario.model_copy(update={"seed": asked.seeds[0]})
-        world = build_world(drawn, drawn.effective_world_seed)
+        world = at_once(build_world, drawn, drawn.effective_world_seed)
         engine = asked.engine or engine_for(world, reasons.setdefault)
         check_engine(engine, world)
     return scenario, world, engine
 
 
-def _hash(scenario: Scenario) -> str:
+def unseeded_hash(scenario: Scenario) -> str:
+    """Return the hash of a scenario without its seed."""
     return scenario_hash(scenario.model_copy(update={"seed": 0}))
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
 from desim_uav import __version__
 from desim_uav.errors import UsageError
+from desim_uav.experiment.interrupt import undisturbed
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.sweep.folder import SweepFolder
@@ -74,12 +75,15 @@ def sweep_to_folder(
                     else:
                         finished[job.id] = folder.keep(job, outcome)
                     advance()
-        except KeyboardInterrupt:  # perhaps after a row was written and before it was noted here
-            finished, interrupted = folder.rows(todo), True
-        rows = [finished[job.id] for job in todo if job.id in finished]
-        done = Done(out, swept, todo, rows, failures, interrupted)
-        folder.list_failures(failures)
-        write_whole(out / "table.md", done.markdown(command).encode())
+        except KeyboardInterrupt:
+            interrupted = True
+        with suppress(KeyboardInterrupt), undisturbed():
+            if interrupted:  # perhaps after a row was written and before it was noted here
+                finished = folder.rows(todo)
+            rows = [finished[job.id] for job in todo if job.id in finished]
+            done = Done(out, swept, todo, rows, failures, interrupted)
+            folder.list_failures(failures)
+            write_whole(out / "table.md", done.markdown(command).encode())
     return done
 
 

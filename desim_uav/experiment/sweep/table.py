@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from desim_uav import escaped
 from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate
 from desim_uav.experiment.sweep.folder import FAILED
@@ -143,13 +144,17 @@ class Done:
     def markdown(self, command: Sequence[str]) -> str:
         """Return the table as Markdown, with the command that made it."""
         first = self.jobs[0]
-        rule = ["---" for _ in self.headings()]
-        lines = [[cell.replace("|", "\\|") for cell in line] for line in self.lines()]
-        table = ["| " + " | ".join(row) + " |" for row in (self.headings(), rule, *lines)]
+        named = self.headings().index("policy") + 1
+        heading, *lines = (
+            [*map(escaped.markdown, line[:named]), *line[named:]]
+            for line in (self.headings(), *self.lines())
+        )
+        rule = ["---" for _ in heading]
+        table = ["| " + " | ".join(row) + " |" for row in (heading, rule, *lines)]
         rows = [{"measures": _plain(found)} for _, found in self._estimates()]
         words = sentence(mean_words(rows)).removesuffix(".")
         about = f"{words}, of {first.episodes} episode(s) after {first.warmup} of warm-up per seed."
-        return "\n".join([f"`{' '.join(command)}`", "", about, "", *table]) + "\n"
+        return "\n".join([escaped.markdown_code(" ".join(command)), "", about, "", *table]) + "\n"
 
     def complaint(self) -> str:
         """Return the first failures, and the file that lists all of them."""

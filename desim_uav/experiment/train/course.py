@@ -128,7 +128,7 @@ def train_in_memory(
 
 def begin(scenario: Scenario, engine: str | None = None, command: Sequence[str] = ()) -> Course:
     """Begin a training; ``engine`` is des or batch, by default that of ``engine_for``."""
-    world = build_world(scenario, scenario.effective_world_seed)
+    world = at_once(build_world, scenario, scenario.effective_world_seed)
     return Course(Training(world, scenario.seed, engine or engine_for(world)), command)
 
 

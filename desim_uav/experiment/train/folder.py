@@ -150,8 +150,8 @@ def _resume(course: Course, file: Path) -> None:
     try:
         if checkpoint.identity(file) != _identity(training.world.scenario):
             raise PolicyError(
-                f"{file}: the checkpoint of another training: its scenario, seeds or learning "
-                "parameters differ"
+                f"{file}: the checkpoint of another training: its scenario, a file or component of "
+                "it, seeds or learning parameters differ"
             )
         found = checkpoint.read(file, training.q.shape)
     except PolicyError as error:

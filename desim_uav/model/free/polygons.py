@@ -6,7 +6,7 @@ not meet except at the corners between neighbours.
 
 from __future__ import annotations
 
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,15 +34,13 @@ def checked(corners: object) -> Polygon:
         raise ValueError("a polygon is a list of corners [x, y] in metres")
     if not 3 <= len(polygon) <= MOST_CORNERS:
         raise ValueError(f"a polygon has 3 to {MOST_CORNERS} corners, not {len(polygon)}")
-    for i, j in combinations(range(len(polygon)), 2):
-        if np.hypot(*(polygon[i] - polygon[j])) < NEAREST_M:
-            raise ValueError(
-                f"corners {i} and {j} are one place, {_words(polygon[i])}; a polygon is closed by "
-                f"itself, and its edges must not meet"
-            )
-    for i, j in combinations(range(len(polygon)), 2):
-        if _meet(polygon, i, j):
-            raise ValueError(f"edges {_edge(polygon, i)} and {_edge(polygon, j)} meet")
+    for i, j in _near_corners(polygon):
+        raise ValueError(
+            f"corners {i} and {j} are one place, {_words(polygon[i])}; a polygon is closed by "
+            f"itself, and its edges must not meet"
+        )
+    for i, j in _meeting_edges(polygon):
+        raise ValueError(f"edges {_edge(polygon, i)} and {_edge(polygon, j)} meet")
     if area(polygon) < 0.0:
         polygon = polygon[::-1]
     sines = _sines(polygon)
@@ -63,17 +61,29 @@ def convex_parts(polygon: Polygon) -> list[Polygon]:
     are needed.
     """
     parts = _triangles(polygon)
-    joined = True
-    while joined:
-        joined = False
-        for one, other in combinations(range(len(parts)), 2):
-            ring = _joined(polygon, parts[one], parts[other])
+    apart: set[tuple[tuple[int, ...], tuple[int, ...]]] = set()
+    while True:
+        for one, other in _neighbours(parts):
+            both = tuple(parts[one]), tuple(parts[other])
+            ring = None if both in apart else _joined(polygon, parts[one], parts[other])
             if ring is not None:
                 parts[one] = ring
                 del parts[other]
-                joined = True
                 break
-    return [polygon[part] for part in parts]
+            apart.add(both)
+        else:
+            return [polygon[part] for part in parts]
+
+
+def _neighbours(parts: list[list[int]]) -> list[tuple[int, int]]:
+    """Return the pairs of parts that have an edge in common, in order."""
+    owner = {
+        edge: number
+        for number, part in enumerate(parts)
+        for edge in zip(part, [*part[1:], part[0]], strict=True)
+    }
+    others = ((one, owner.get((stop, start), -1)) for (start, stop), one in owner.items())
+    return sorted({(min(pair), max(pair)) for pair in others if pair[1] >= 0})
 
 
 def grown(convex: Polygon, margin_m: float) -> Polygon:
@@ -119,59 +129,75 @@ def _sines(polygon: Polygon) -> NDArray[np.float64]:
     return sines
 
 
-def _meet(polygon: Polygon, i: int, j: int) -> bool:
-    """Return whether two edges meet elsewhere than at a corner between neighbours."""
+def _near_corners(polygon: Polygon) -> list[tuple[int, int]]:
+    """Return the pairs of corners that are nearer to each other than ``NEAREST_M``, in order."""
+    dx, dy = np.moveaxis(polygon[:, None] - polygon[None], 2, 0)
+    return _pairs(np.hypot(dx, dy) < NEAREST_M)
+
+
+def _meeting_edges(polygon: Polygon) -> list[tuple[int, int]]:
+    """Return the pairs of edges that meet elsewhere than at a corner between neighbours."""
     count = len(polygon)
-    a, b, c, d = (polygon[k % count] for k in (i, i + 1, j, j + 1))
-    if (i + 1) % count == j or (j + 1) % count == i:
-        before, corner, after = (a, b, d) if (i + 1) % count == j else (c, d, b)
-        turned = _turn(before, corner, after)
-        one, other = corner - before, after - corner
-        far = STRAIGHT * float(np.hypot(*one) * np.hypot(*other))
-        return bool(abs(turned) <= far and one @ other < 0.0)
+    a, b = polygon.T[:, :, None], np.roll(polygon, -1, axis=0).T[:, :, None]
+    c, d = polygon.T[:, None, :], np.roll(polygon, -1, axis=0).T[:, None, :]
     sides = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
-    if sides[0] * sides[1] < 0.0 and sides[2] * sides[3] < 0.0:
-        return True
+    meet = (sides[0] * sides[1] < 0.0) & (sides[2] * sides[3] < 0.0)
     touches = (a, b, c), (a, b, d), (c, d, a), (c, d, b)
-    return any(
-        side == 0.0 and _is_between(*three) for side, three in zip(sides, touches, strict=True)
-    )
+    for side, (start, stop, place) in zip(sides, touches, strict=True):
+        between = (np.minimum(start, stop) <= place) & (place <= np.maximum(start, stop))
+        meet |= (side == 0.0) & between.all(axis=0)
+    for k in range(count):
+        after = (k + 1) % count
+        meet[k, after] = meet[after, k] = _folds(polygon, k)
+    return _pairs(meet)
 
 
-def _is_between(a: Polygon, b: Polygon, c: Polygon) -> bool:
-    """Return whether a place on the line of an edge is on the edge."""
-    return bool((np.minimum(a, b) <= c).all() and (c <= np.maximum(a, b)).all())
+def _pairs(found: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the pairs of different numbers that are found, in order, the lower one first."""
+    return [(int(i), int(j)) for i, j in zip(*np.nonzero(np.triu(found, 1)), strict=True)]
+
+
+def _folds(polygon: Polygon, k: int) -> bool:
+    """Return whether an edge turns back into itself at its end, a corner between neighbours."""
+    count = len(polygon)
+    before, corner, after = (polygon[(k + i) % count] for i in range(3))
+    turned = _turn(before, corner, after)
+    one, other = corner - before, after - corner
+    far = STRAIGHT * float(np.hypot(*one) * np.hypot(*other))
+    return bool(abs(turned) <= far and one @ other < 0.0)
 
 
 def _triangles(polygon: Polygon) -> list[list[int]]:
     """Return the triangles that ears leave, as numbers of corners."""
     left, found = list(range(len(polygon))), []
     while len(left) > 3:
-        ears = [k for k in range(len(left)) if _is_ear(polygon, left, k)]
-        if not ears:
+        heights_m = _ears(polygon[left])
+        best = int(np.argmax(heights_m))
+        if heights_m[best] < 0.0:
             raise ValueError("the polygon cannot be cut into parts; its edges nearly meet")
-        best = max(ears, key=lambda k: _slimness(polygon, left, k))
         found.append([left[best - 1], left[best], left[(best + 1) % len(left)]])
         del left[best]
     return [*found, left]
 
 
-def _is_ear(polygon: Polygon, left: list[int], k: int) -> bool:
-    """Return whether a corner can be cut off: it is convex, and its triangle holds no other one."""
-    three = left[k - 1], left[k], left[(k + 1) % len(left)]
-    a, b, c = polygon[list(three)]
-    if not _turn(a, b, c) > 0.0:
-        return False
-    others = polygon[[other for other in left if other not in three]].T
-    inside = np.minimum(_turn(a, b, others), _turn(b, c, others))
-    return bool((np.minimum(inside, _turn(c, a, others)) < 0.0).all())
+def _ears(ring: Polygon) -> NDArray[np.float64]:
+    """Return the least height of the triangle of each corner that can be cut off, else -1.
 
-
-def _slimness(polygon: Polygon, left: list[int], k: int) -> float:
-    """Return the least height of the triangle of an ear, in metres: the best ear is not slim."""
-    a, b, c = polygon[[left[k - 1], left[k], left[(k + 1) % len(left)]]]
-    longest = max(np.hypot(*(b - a)), np.hypot(*(c - b)), np.hypot(*(a - c)))
-    return float(_turn(a, b, c) / longest)
+    Such a corner is convex, and its triangle holds no other one. The best ear is not slim.
+    """
+    count = len(ring)
+    a, b, c = np.roll(ring, 1, axis=0).T, ring.T, np.roll(ring, -1, axis=0).T
+    turned = _turn(a, b, c)
+    corners, others = (one[:, :, None] for one in (a, b, c)), ring.T[:, None, :]
+    one, two, three = corners
+    inside = np.minimum(_turn(one, two, others), _turn(two, three, others))
+    apart = np.minimum(inside, _turn(three, one, others)) < 0.0
+    numbers = np.arange(count)
+    for shift in (-1, 0, 1):
+        apart[numbers, (numbers + shift) % count] = True
+    longest = np.maximum(np.hypot(*(b - a)), np.maximum(np.hypot(*(c - b)), np.hypot(*(a - c))))
+    heights_m: NDArray[np.float64] = np.where((turned > 0.0) & apart.all(axis=1), turned, -1.0)
+    return np.where(heights_m < 0.0, -1.0, heights_m / longest)
 
 
 def _joined(polygon: Polygon, one: list[int], other: list[int]) -> list[int] | None:

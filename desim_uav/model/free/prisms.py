@@ -9,6 +9,7 @@ is made up of convex parts, which overlap once they are grown.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -90,10 +91,16 @@ def obstacles(
                 f"a zone must be lower at its bottom ({zone.low_m:g} m) than at its top "
                 f"({zone.high_m:g} m)"
             )
-        for convex in convex_parts(checked(zone.corners_m)):
+        for convex in _parts(tuple(map(tuple, np.asarray(zone.corners_m).tolist()))):
             footprints.append(grown(convex, margin_m))
             heights.append((zone.low_m - margin_m, zone.high_m + margin_m))
     return prisms(footprints, heights, height_m.shape, cell_m)
+
+
+@lru_cache(maxsize=1000)
+def _parts(corners_m: tuple[tuple[float, ...], ...]) -> tuple[Polygon, ...]:
+    """Return the convex parts of a polygon, which are the same in each world of a scenario."""
+    return tuple(convex_parts(checked(corners_m)))
 
 
 def prisms(

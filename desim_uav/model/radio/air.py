@@ -25,6 +25,7 @@ from desim_uav.model.radio.links import (
     BOUND,
     BRANCH,
     FIRST,
+    HELD,
     HIGH_DBM,
     HIGH_MW,
     LAST_MARK,
@@ -55,6 +56,7 @@ from desim_uav.model.radio.links import (
     VY,
     VZ,
     Links,
+    are_a_pair,
     are_clear,
     begin_user,
     class_at,
@@ -62,9 +64,11 @@ from desim_uav.model.radio.links import (
     level_dbm,
     look,
     note,
+    ratio_db,
     sign,
 )
-from desim_uav.model.radio.polynomial import Coefficients, sign_changes, square_of
+from desim_uav.model.radio.passing import SOON_S
+from desim_uav.model.radio.polynomial import Coefficients, sign_changes, square_of, value_at
 from desim_uav.model.radio.scene import (
     BAND,
     RADIO,
@@ -84,8 +88,8 @@ from desim_uav.model.radio.tracks import AT, BEGIN, SPEED_AT, place
 from desim_uav.model.relative import rounded_us
 
 GRAZE = 1e-14
-"""How close to zero an extremum of the difference of squared distances, relative to them, touches
-it without a change of sign."""
+"""How close to zero a difference of squared distances, relative to them, is taken to be zero; an
+extremum that is so close touches zero without a change of sign."""
 
 FOUND_AT, FOUND_ROOM, FOUND = range(3)
 FOUND_COLUMNS = 3
@@ -189,10 +193,13 @@ def pair_changes(
 
     The state is 1 where the level of ``one`` exceeds that of ``other`` by ``threshold_db`` or more,
     and else 0; noise and interference do not matter. ``held`` is the state before the span, or -1:
-    a row at its start says if it is another one there. Rows (time, state) go into ``out``; for the
-    rest see ``class_changes_in_air``.
+    a row at its start says if it is another one there. It is not if the state is ``held`` a
+    microsecond later, because times are rounded. Rows (time, state) go into ``out``; for the rest
+    see ``class_changes_in_air``.
 
-    If levels are equal where distances are, the times are roots of polynomials, and exact.
+    If levels are equal where distances are, the times are roots of polynomials, and exact. Else,
+    levels that rounding may have made different are equal (``EQUAL_DB``): where two drones part
+    from one place, the state changes there if it does at all.
     """
     air.words[SIGNAL, SENDER], air.words[OTHER, SENDER] = one, other
     end = begin_links(air, OTHER + 1, span_us)
@@ -263,7 +270,7 @@ def _follow(air: Air, links: Links, span_us: tuple[int, int], user: int, exact: 
         x, y = walked(legs, leg, now_us)
         relate(air, links, t, (x, y, air.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
         if marked or not begun or t >= end:
-            _note_classes(links, t, exact)
+            _note_classes(links, t, exact, are_a_pair(links) and end > SOON_S)
             begun = True
         if t >= end:
             return
@@ -281,15 +288,22 @@ def _follow(air: Air, links: Links, span_us: tuple[int, int], user: int, exact: 
 
 
 @kernel
-def _note_classes(links: Links, t: float, exact: bool) -> None:
-    """Look at the start of a stretch, and write the classes that have changed."""
+def _note_classes(links: Links, t: float, exact: bool, soon: bool) -> None:
+    """Look at the start of a stretch, and write the classes that have changed.
+
+    If ``soon``, those at the start of the span count as changed if they are so soon after it, too.
+    """
     words = links.words
     if not exact and t > 0.0:  # that at the start of the span is known (_reach_dbm)
         look(links, 0, 0.0)
     for k in range(links.used):
         if words[k, SOUGHT]:
-            value = _closer(links) if exact else compare(links, 0, k)
+            value = _closer(links, 0.0) if exact else compare(links, 0, k)
             state = class_at(links, k, value)
+            if t == 0.0 and soon and state != words[k, HELD] and words[k, OUT] != 0:
+                value = _closer(links, SOON_S) if exact else ratio_db(links, k, SOON_S)
+                if class_at(links, k, value) == words[k, HELD]:
+                    state = words[k, HELD]
             if state != words[k, STATE]:
                 note(links, k, rounded_us(links.start_us, t), state)
             words[k, STATE] = state
@@ -402,9 +416,13 @@ def _are_alike(air: Air, links: Links, user: int) -> bool:
 
 
 @rule
-def _closer(links: Links) -> float:
-    """Return by how much the first of two transmitters is closer, in square metres."""
-    return _square(links.table, OTHER)[0] - _square(links.table, SIGNAL)[0]
+def _closer(links: Links, t: float) -> float:
+    """Return by how much the first of two transmitters is closer, in square metres.
+
+    It is 0 if rounding may be what makes it another number.
+    """
+    near, far = value_at(_square(links.table, SIGNAL), t), value_at(_square(links.table, OTHER), t)
+    return far - near if abs(far - near) > GRAZE * (near + far) else 0.0
 
 
 @rule

@@ -17,6 +17,7 @@ from desim_uav.model.radio.links import (
     AZ,
     BOUND,
     BRANCH,
+    CARRIER,
     HIGH_MW,
     LEAST,
     LEVEL_DBM,
@@ -48,9 +49,9 @@ from desim_uav.model.radio.slopes import DB, least_share
 @rule
 def bound_rates(links: Links, k: int, distance_m: float, height_m: float, within_m: float) -> None:
     """Write the row of rates of a link, for all places near one (see ``levels.BOUNDS``)."""
-    words = links.words
+    words, carrier_ghz = links.words, links.table[k, CARRIER]
     row = links.table.ctypes.data + 8 * (k * LINK_COLUMNS + BOUND)
-    values = (words[k, VALUES], words[k, BRANCH], distance_m, height_m, within_m, row)
+    values = (words[k, VALUES], carrier_ghz, words[k, BRANCH], distance_m, height_m, within_m, row)
     call(words[k, RATES_AT], values)
 
 

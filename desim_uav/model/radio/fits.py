@@ -10,6 +10,7 @@ to the radii at heights between those through which it goes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -17,10 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.compiled_rows import call_for_float
+from desim_uav.model.components import over_rows, values_of
 from desim_uav.model.kernels import kernel
 from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.path_loss import MEAN, RowPathLoss
 from desim_uav.model.radio.rings import FARTHEST_M
+from desim_uav.model.rows import packed
 
 TERMS = 10
 """The number of terms of a polynomial."""
@@ -167,7 +170,18 @@ def fits_of(radio: Any, levels_m: Sequence[float], users_m: Sequence[float]) -> 
     return _fits(radio.path_loss, radio.carrier_ghz, largest_db, tuple(levels_m), tuple(users_m))
 
 
-@lru_cache(maxsize=32)
+@dataclass(frozen=True)
+class _Own:
+    """A path loss, which is told from others by its class and by the types and bits of its fields.
+
+    Python takes 1, 1.0 and True for equal, and 0.0 for -0.0.
+    """
+
+    cls: type
+    values: tuple[type, bytes]
+    path_loss: RowPathLoss = field(compare=False)
+
+
 def _fits(
     path_loss: RowPathLoss,
     carrier_ghz: float,
@@ -176,7 +190,23 @@ def _fits(
     users_m: tuple[float, ...],
 ) -> Fits:
     """Return the same as ``fits_of``, with as few slabs as suffice."""
-    loss = compiled_loss(path_loss)
+    return _fits_of(_own(path_loss), carrier_ghz, largest_db, levels_m, users_m)
+
+
+def _own(path_loss: RowPathLoss) -> _Own:
+    values = values_of(over_rows(path_loss, ()))
+    return _Own(type(path_loss), (type(values), packed(values).tobytes()), path_loss)
+
+
+@lru_cache(maxsize=32)
+def _fits_of(
+    own: _Own,
+    carrier_ghz: float,
+    largest_db: tuple[float, ...],
+    levels_m: tuple[float, ...],
+    users_m: tuple[float, ...],
+) -> Fits:
+    loss = compiled_loss(own.path_loss, carrier_ghz)
 
     def squares(heights_m: Array) -> Array:
         """Return squared radii (*heights, classes): -1 where a class does not hold, or NaN."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cache
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ from desim_uav.model.components import (
     NOT_COMPILED,
     Compiled,
     Function,
+    call_at,
     cause_of,
     compiled,
     kind_of,
@@ -26,6 +28,7 @@ from desim_uav.model.components import (
 from desim_uav.model.kernels import rule
 from desim_uav.model.radio.functions import elevation_deg
 from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS, Rates, RowPathLoss, mean_of
+from desim_uav.model.radio.sampled import sampled_rates
 
 R_LEAST, R_MOST, H_LEAST, H_MOST = range(4)
 """The columns of a row of rates: the least and the most that a level changes, in dB for a metre of
@@ -58,35 +61,73 @@ def _mean_db(cls: Any) -> Any:
     return mean_db
 
 
-def _level(cls: Any, values_at: Any) -> Any:
-    """Return the function ``level`` of a class of path losses (see ``Function.around``)."""
+@cache
+def _loss_of(cls: Any) -> Any:
+    """Return the loss of a class of path losses, at a carrier and of a branch, as a rule."""
     mean_db, los_db, nlos_db = _mean_db(cls), ruled(cls.los_db), ruled(cls.nlos_db)
 
-    def level(
-        values: int, carrier_ghz: float, branch: int, distance_m: float, height_m: float
+    @rule
+    def loss_db(
+        own: Any, carrier_ghz: float, branch: int, distance_m: float, height_m: float
     ) -> float:
-        own = values_at(values)
         if branch == LOS:
             return float(los_db(own, distance_m, height_m, carrier_ghz))
         if branch == NLOS:
             return float(nlos_db(own, distance_m, height_m, carrier_ghz))
         return float(mean_db(own, distance_m, height_m, carrier_ghz))
 
+    return loss_db
+
+
+def _level(cls: Any, values_at: Any) -> Any:
+    """Return the function ``level`` of a class of path losses (see ``Function.around``)."""
+    loss_db = _loss_of(cls)
+
+    def level(
+        values: int, carrier_ghz: float, branch: int, distance_m: float, height_m: float
+    ) -> float:
+        return float(loss_db(values_at(values), carrier_ghz, branch, distance_m, height_m))
+
     return level
 
 
+@cache
 def _rates_of(cls: Any) -> Any:
-    """Return the method ``rates`` of a class of path losses as a rule."""
+    """Return ``rates`` of a class of path losses, at a carrier, as a rule.
+
+    If the class has no bounds, they are sampled at the carrier.
+    """
+    if not cls.is_bounded():
+        return sampled_rates(_loss_of(cls))
+    rates, slope = ruled(cls.rates), ruled(cls.slope)
     if cls.rates is not RowPathLoss.rates:
-        return ruled(cls.rates)
-    slope = ruled(cls.slope)
+
+        @rule
+        def rates_of(
+            own: Any,
+            carrier_ghz: float,
+            branch: int,
+            distance_m: float,
+            height_m: float,
+            within_m: float,
+        ) -> Any:
+            return rates(own, branch, distance_m, height_m, within_m)
+
+        return rates_of
 
     @rule
-    def rates_of(own: Any, branch: int, distance_m: float, height_m: float, within_m: float) -> Any:
+    def rates_by_slope(
+        own: Any,
+        carrier_ghz: float,
+        branch: int,
+        distance_m: float,
+        height_m: float,
+        within_m: float,
+    ) -> Any:
         away_db, over_db = slope(own, distance_m, height_m, within_m)
         return -away_db, 0.0, -over_db, over_db
 
-    return rates_of
+    return rates_by_slope
 
 
 def _rates(cls: Any, values_at: Any) -> Any:
@@ -94,10 +135,16 @@ def _rates(cls: Any, values_at: Any) -> Any:
     rates_of = _rates_of(cls)
 
     def rates(
-        values: int, branch: int, distance_m: float, height_m: float, within_m: float, out: int
+        values: int,
+        carrier_ghz: float,
+        branch: int,
+        distance_m: float,
+        height_m: float,
+        within_m: float,
+        out: int,
     ) -> None:
-        row = floats_at(out, RATES)
-        found = rates_of(values_at(values), branch, distance_m, height_m, within_m)
+        row, own = floats_at(out, RATES), values_at(values)
+        found = rates_of(own, carrier_ghz, branch, distance_m, height_m, within_m)
         row[R_LEAST], row[R_MOST], row[H_LEAST], row[H_MOST] = found
 
     return rates
@@ -109,12 +156,13 @@ LEVEL = Function("level", _level, (int, float, int, float, float))
 Its arguments are the address of the values, the carrier in GHz, the branch, the horizontal distance
 and the height of the drone above the user in metres."""
 
-BOUNDS = Function("rates", _rates, (int, int, float, float, float, int))
+
+BOUNDS = Function("rates", _rates, (int, float, int, float, float, float, int))
 """The function of a path loss that writes a row of rates: bounds for the change of the level.
 
-Its arguments are the address of the values, the branch, the horizontal distance and the height in
-metres, a distance in metres, and the address of the row. The bounds hold at all places at most so
-far away from this one."""
+Its arguments are the address of the values, the carrier in GHz, the branch, the horizontal distance
+and the height in metres, a distance in metres, and the address of the row. The bounds hold at all
+places at most so far away from this one."""
 
 
 class Loss(NamedTuple):
@@ -129,51 +177,74 @@ class Loss(NamedTuple):
     kept: Compiled
 
 
-def compiled_loss(path_loss: RowPathLoss) -> Loss:
+def compiled_loss(path_loss: RowPathLoss, carrier_ghz: float = 2.0) -> Loss:
     """Compile a path loss.
 
-    Raises ScenarioError if it is not bounded (see ``check_bounds``) or cannot be compiled.
+    Raises ScenarioError if it exceeds its bounds at a carrier (see ``problem_of_bounds``) or cannot
+    be compiled.
     """
-    check_bounds(path_loss)
-    try:
-        made = compiled((LEVEL, BOUNDS), path_loss, ())
-    except NOT_COMPILED as error:
-        why = cause_of(error, over_rows(path_loss, ()))
-        raise ScenarioError(
-            f"path_loss: {kind_of(path_loss)!r} must be compiled {WHERE}: {why}"
-        ) from error
+    problem = problem_of_bounds(path_loss, carrier_ghz) or why_not_compiled(path_loss)
+    if problem:
+        raise ScenarioError(f"path_loss: {kind_of(path_loss)!r}: {problem}")
+    made = compiled((LEVEL, BOUNDS), path_loss, ())
     level, rates = made.functions["level"], made.functions["rates"]
     return Loss(level, rates, made.values.ctypes.data, made)
 
 
-def check_bounds(path_loss: RowPathLoss) -> None:
-    """Raise ScenarioError if a path loss has no bounds, or if levels seem to exceed them.
+def why_not_compiled(path_loss: RowPathLoss) -> str:
+    """Return why a path loss cannot be compiled; an empty text if it can, or if nothing can."""
+    if not hasattr(call_at, "overloads"):  # NUMBA_DISABLE_JIT is set
+        return ""
+    try:
+        compiled((LEVEL, BOUNDS), path_loss, ())
+    except NOT_COMPILED as error:
+        return f"must be compiled {WHERE}: {cause_of(error, over_rows(path_loss, ()))}"
+    return ""
+
+
+def problem_of_bounds(path_loss: RowPathLoss, carrier_ghz: float) -> str:
+    """Return why the bounds of a path loss cannot hold; an empty text if none is found.
 
     Levels are compared with those at places nearby, which cannot show that the bounds hold.
     """
-    name = kind_of(path_loss)
-    if not path_loss.is_bounded():
-        raise ScenarioError(
-            f"path_loss: {name!r} needs a method slope(distance_m, height_m, within_m) {WHERE}"
-        )
-    for branch, place, share in product((MEAN, LOS, NLOS), CHECKED, (0.001, 0.1, 0.5)):
+    sampled = not path_loss.is_bounded()
+    bounds = "sampled slope (it has no method slope)" if sampled else "slope"
+    cls: Any = type(path_loss)
+    rates_of = _rates_of(cls)
+    shares, places = ((0.1, 0.5), CHECKED[::3]) if sampled else ((0.001, 0.1, 0.5), CHECKED)
+    for branch, place, share in product(_branches(cls), places, shares):
         within_m = share * math.hypot(*place)
-        rates = path_loss.rates(branch, *place, within_m)
-        around = (
-            f"within {within_m:g} m of a distance of {place[0]:g} m and a height of {place[1]} m"
-        )
+        rates = rates_of(path_loss, carrier_ghz, branch, *place, within_m)
         if not all(map(math.isfinite, rates)):
-            raise ScenarioError(f"path_loss: {name!r}: its slope must be finite {around}")
+            return (
+                f"its {bounds} must be finite at a distance of {place[0]:g} m and a "
+                f"height of {place[1]:g} m, within_m: {within_m:g}"
+            )
         for other in _places_near(*place, within_m):
-            if not _explains(path_loss, branch, rates, place, other):
-                raise ScenarioError(
-                    f"path_loss: {name!r}: its loss changes faster than its slope says {around}"
+            rise_db, low_db, high_db = _change(path_loss, carrier_ghz, branch, rates, place, other)
+            if not low_db - ROUNDING_DB <= rise_db <= high_db + ROUNDING_DB:
+                allowed_db = high_db if rise_db > high_db else low_db
+                return (
+                    f"its loss changes faster than its {bounds} says: from a distance of "
+                    f"{place[0]:g} m and a height of {place[1]:g} m to {other[0]:.6g} m and "
+                    f"{other[1]:.6g} m the level by {BRANCHES[branch]} changes by {rise_db:.4g} "
+                    f"dB, but by the {bounds} for within_m: {within_m:g} by {allowed_db:.4g} dB "
+                    "at most"
                 )
+    return ""
 
 
-CHECKED_GHZ = 2.0
-CHECKED = tuple(product((3.0, 30.0, 100.0, 400.0, 3000.0), (20.0, 120.0)))
-"""The carrier, and the distances and heights, at which bounds are checked."""
+def _branches(cls: Any) -> tuple[int, ...]:
+    """Return the branches whose losses differ."""
+    alike = cls.nlos_db is cls.los_db and cls.mean_db is RowPathLoss.mean_db
+    return (LOS,) if alike and cls.p_los is RowPathLoss.p_los else (LOS, NLOS, MEAN)
+
+
+BRANCHES = {MEAN: "mean_db", LOS: "los_db", NLOS: "nlos_db"}
+"""The methods of a path loss by branch."""
+
+CHECKED = tuple(product((3.0, 10.0, 30.0, 100.0, 250.0, 400.0, 1000.0, 3000.0), (20.0, 120.0)))
+"""The distances and heights at which bounds are checked."""
 
 ROUNDING_DB = 1e-9
 
@@ -187,15 +258,20 @@ def _places_near(distance_m: float, height_m: float, within_m: float) -> Iterato
             yield other
 
 
-def _explains(
-    path_loss: RowPathLoss, branch: int, rates: Rates, place: Place, other: Place
-) -> bool:
-    """Return whether bounds allow the change of a level from one place to another."""
+def _change(
+    path_loss: RowPathLoss,
+    carrier_ghz: float,
+    branch: int,
+    rates: Rates,
+    place: Place,
+    other: Place,
+) -> tuple[float, float, float]:
+    """Return how much a level rises from one place to another, and its least and largest bound."""
     loss_db = (path_loss.mean_db, path_loss.los_db, path_loss.nlos_db)[branch]
-    rises_db = loss_db(*place, CHECKED_GHZ) - loss_db(*other, CHECKED_GHZ)
-    low = high = 0.0
+    rise_db = loss_db(*place, carrier_ghz) - loss_db(*other, carrier_ghz)
+    low_db = high_db = 0.0
     for k in range(2):
         move_m = other[k] - place[k]
-        low += min(rates[2 * k] * move_m, rates[2 * k + 1] * move_m)
-        high += max(rates[2 * k] * move_m, rates[2 * k + 1] * move_m)
-    return low - ROUNDING_DB <= rises_db <= high + ROUNDING_DB
+        low_db += min(rates[2 * k] * move_m, rates[2 * k + 1] * move_m)
+        high_db += max(rates[2 * k] * move_m, rates[2 * k + 1] * move_m)
+    return rise_db, low_db, high_db

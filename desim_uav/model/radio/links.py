@@ -63,6 +63,10 @@ LOOKS = 64
 ROUNDED_DB = 1e-6
 """By how much less two ratios differ, for one place, because of rounding."""
 
+EQUAL_DB = 1e-10
+"""Levels that differ by no more than this from a threshold for their difference are taken to differ
+by the threshold exactly: rounding alone makes levels of one place differ by about 1e-12 dB."""
+
 ints_at = entries_at(int)
 
 
@@ -123,13 +127,19 @@ def look(links: Links, row: int, t: float) -> None:
 
 @kernel
 def compare(links: Links, row: int, k: int) -> float:
-    """Write the ratio of a signal to noise and interference at a look, and return it, in dB."""
+    """Write the ratio of a signal to noise and interference at a look, and return it, in dB.
+
+    The difference of two levels is the threshold for it if rounding may be what makes it another.
+    """
     looks, at = links.looks, LOOKED + LOOKED_COLUMNS * k
     level = looks[row, at + LEVEL_DBM]
     if links.used == 1:
         ratio = level - links.table[k, NOISE_DBM]
     elif are_a_pair(links):
         ratio = level - looks[row, LOOKED + LOOKED_COLUMNS * (1 - k) + LEVEL_DBM]
+        threshold = links.thresholds_db[links.words[k, LOWEST]]
+        if abs(ratio - threshold) <= EQUAL_DB:
+            ratio = threshold
     else:
         others = links.table[k, NOISE_MW]
         for i in range(links.used):

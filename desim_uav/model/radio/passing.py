@@ -6,6 +6,7 @@ import numpy as np
 
 from desim_uav.model.kernels import kernel, part, rule
 from desim_uav.model.radio.links import (
+    EQUAL_DB,
     LOOKED,
     LOOKED_COLUMNS,
     LOWEST,
@@ -20,6 +21,9 @@ from desim_uav.model.relative import rounded_us
 
 ROOT_S = 1e-9
 """How far a time may be from where the ratio passes a threshold, before it is rounded."""
+
+SOON_S = 1e-6
+"""How long after a look at which a ratio is a threshold it is looked at again."""
 
 
 Slopes = tuple[float, float]
@@ -37,7 +41,8 @@ def pass_thresholds(
 
     The time is in an interval, the ends of which are moved to inverse interpolations of up to four
     of the last looks, and sometimes to the middle. This ends when both ends are in one microsecond,
-    or when the slope shows that the last look was near enough.
+    or when the slope shows that the last look was near enough. A ratio that is a threshold at one
+    of the two looks passes it there, as if it were known without rounding.
     """
     words, looks, at = links.words, links.looks, LOOKED + LOOKED_COLUMNS * k + RATIO_DB
     state, start_us = words[k, STATE], links.start_us
@@ -58,6 +63,14 @@ def pass_thresholds(
                 high, after = until, end
                 break
         found, width, tries = high, high - low, 0
+        if before == threshold:
+            leaves = _leaves_at(links, k, (low, high), threshold, rises)
+            if leaves == low:
+                found, high, after = low, low, before
+            else:
+                first, last, low, before = low, before, leaves, ratio_db(links, k, leaves)
+        elif after == threshold:
+            low, before = high, after
         while not _meet(start_us, begin, low, high):
             tries += 1
             share = 0.5
@@ -88,6 +101,24 @@ def pass_thresholds(
         state += 1 if rises else -1
         note(links, k, rounded_us(start_us, begin + since), state)
     words[k, STATE] = state
+
+
+@kernel
+def _leaves_at(
+    links: Links, k: int, between: tuple[float, float], threshold: float, rises: bool
+) -> float:
+    """Return the first of two times if a ratio that is a threshold then passes it at once.
+
+    Else it goes to the side from which it comes first, and a time at which it is there is returned.
+    """
+    first, end = between
+    after = SOON_S
+    while first + after < end:
+        value = ratio_db(links, k, first + after)
+        if abs(value - threshold) > EQUAL_DB:
+            return first if (value >= threshold) == rises else first + after
+        after *= 4.0
+    return first
 
 
 @part

@@ -41,8 +41,9 @@ class RowPathLoss:
     the distance, and ``p_los`` must rise with the elevation: each class of a link is then a disc.
 
     Where classes are no discs, because there is interference or a drone climbs, and for association
-    by levels, a search needs to know how fast a level can change: a subclass then needs ``slope``
-    too. What a class inherits of it holds for the losses that it inherits only.
+    by levels, a search needs to know how fast a level can change: ``slope`` says so. Without it,
+    bounds are computed from samples (``model.radio.sampled``), which is slower and no proof. What a
+    class inherits of ``slope`` holds for the losses that it inherits only.
     """
 
     plain: ClassVar = ()
@@ -96,8 +97,13 @@ class RowPathLoss:
 
     @classmethod
     def is_bounded(cls) -> bool:
-        """Return whether it is known how fast levels can change."""
+        """Return whether the class says how fast levels can change."""
         return cls.slope is not RowPathLoss.slope or cls.rates is not RowPathLoss.rates
+
+    @classmethod
+    def is_built_in(cls) -> bool:
+        """Return whether a scenario names the class by a word, as ``register`` gives one."""
+        return ":" not in vars(cls).get("kind", ":")
 
 
 @rule

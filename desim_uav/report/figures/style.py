@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -40,6 +41,10 @@ METADATA: dict[str, dict[str, Any]] = {
     ".svg": {"Creator": None, "Date": None},
 }
 """Leave out dates and versions, so that the same figure gives the same file."""
+
+IDENTIFIER = re.compile(r'(?<= id=")p[0-9a-f]{10}(?=")')
+REFERENCE = re.compile(r'( id="|url\(#)(p[0-9a-f]{10})')
+"""The identifier of a clip path, and where it stands, in an SVG of Matplotlib's."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -81,7 +86,19 @@ def to_bytes(figure: mpl_figure.Figure, suffix: str) -> bytes:
     """Return a figure as the content of a file; the same figure gives the same bytes."""
     file = io.BytesIO()
     figure.savefig(file, format=suffix[1:], metadata=METADATA[suffix])
-    return file.getvalue()
+    content = file.getvalue()
+    return as_text(content).encode() if suffix == ".svg" else content
+
+
+def as_text(svg: bytes) -> str:
+    """Return an SVG of Matplotlib's that is valid XML and the same for the same figure.
+
+    Names may contain characters that XML does not allow or that hide what is beside them. The
+    identifiers of clip paths, which in some versions depend on addresses in memory, become numbers.
+    """
+    text = visible(svg.decode())
+    numbers = {name: f"i{k}" for k, name in enumerate(dict.fromkeys(IDENTIFIER.findall(text)))}
+    return REFERENCE.sub(lambda found: found[1] + numbers.get(found[2], found[2]), text)
 
 
 def headed(figure: Figure, text: str) -> None:

@@ -30,9 +30,9 @@ KINDS = EVENT_KINDS
 TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
 """The order within a phase: these events come after all others, in the order of the numbers."""
 
-OF_LINKS = {"class", "handover", "ping_pong", "outage"}
+OF_LINKS = {"class", "handover", "ping_pong", "outage", "outage_end"}
 OF_PAIRS = {"conflict", "clear"}
-NAMES_DRONE = ({*KINDS[6:]} | {"serve", "stop"}) - {"outage"}
+NAMES_DRONE = ({*KINDS[6:]} | {"serve", "stop"}) - {"outage", "outage_end"}
 NAMES_USER = {*KINDS[:10]} | OF_LINKS
 NAMES_REQUEST = {*KINDS[:6]}
 NAMES_STATION = {"land", "charge", "charged", "respawn"}

@@ -22,7 +22,7 @@ from desim_uav.rules.rows.flights import (
 )
 from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.sample_path import Ask, Path
-from desim_uav.rules.rows.state import AirTables, Look, State
+from desim_uav.rules.rows.state import AirTables, Look, State, Wide
 from desim_uav.rules.rows.users import Request, Spot, User
 
 __all__ = [
@@ -60,4 +60,5 @@ __all__ = [
     "TypeRow",
     "User",
     "WaysRow",
+    "Wide",
 ]

@@ -129,7 +129,8 @@ class Constants(Row):
     see ``rules.association``. ``known`` holds changes of users who stand still
     (``engine.compiled.standing``). Drones are too near to each other below a distance of
     ``separation_m`` (0: they have not to keep any); one ``gives_way`` to those with lower indices.
-    ``features`` is the number of features that a learner observes.
+    ``features`` is the number of features that a learner observes, and ``gamma`` its discount of a
+    step.
     If drones fly freely, ``spaces`` has an entry for each type; only those of free ones are used.
     The fields from ``foresee`` on are functions, or in compiled code their addresses;
     ``reward_values`` and the like are the addresses of the components' fields.
@@ -138,6 +139,7 @@ class Constants(Row):
     steps: int
     step_us: int
     horizon_us: int
+    gamma: float
     by_event: int
     patience_us: int
     limited: int

@@ -76,6 +76,14 @@ class Look(Row):
 
 
 @row
+class Wide(Row):
+    """A whole number from 0 on in two words: ``high`` * 2^62 + ``low`` (see ``rules.wide``)."""
+
+    high: int
+    low: int
+
+
+@row
 class State(Row):
     """The state of an episode.
 
@@ -121,7 +129,7 @@ class State(Row):
     attached_us: int
     attached_from_us: int
     queueing_us: int
-    bandwidth_us_hz: int
+    bandwidth_us_hz: Wide
     closed_qoe1: float
     distance_m: float
     to_scan: int

@@ -51,10 +51,12 @@ class User(Row):
     it entered their footprints, where the class is at least 1, and ``covered`` is the number of
     those that it is in. ``share`` is the served share of its open request when service
     last stopped; ``doing`` is its ``UserState`` at the end of the episode. It was attached to drone
-    ``left`` until ``left_us``, and at ``came_us`` it was handed over from drone ``came_from``. It
-    has had an open request, but no link, since ``outage_since_us`` (-1: it is not so). If users are
-    associated by level, drones have been better for it than its own ``better_since`` (-1: they are
-    not); the next to change this is ``rival``, at ``turns_us``.
+    ``left`` until ``left_us``, and at ``came_us`` it was handed over from drone ``came_from``. Its
+    latest outage that is not counted yet (see ``rules.links``) began at ``outage_since_us`` in the
+    phase ``outage_began_in``, and ended at ``outage_until_us`` in the phase ``outage_ended_in``
+    (-1: there is none, or it has not ended). If users are associated by level, drones have been
+    better for it than its own ``better_since`` (-1: they are not); the next to change this is
+    ``rival``, at ``turns_us``.
     """
 
     index: int
@@ -69,6 +71,9 @@ class User(Row):
     came_from: int
     came_us: int
     outage_since_us: int
+    outage_until_us: int
+    outage_began_in: int
+    outage_ended_in: int
     unsettled: int
     rival: int
     turns_us: int

@@ -1,5 +1,7 @@
 """Polygons: what is refused, convex parts, and growth by a margin."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -122,3 +124,18 @@ class TestGrowth:
                 places = rng.uniform(-150, 150, (300, 2))
                 near = distances(places, part) < margin
                 assert (depths(places, found)[near] > -1e-9).all()
+
+
+def test_parts_of_many_corners_are_found_soon():
+    """200 corners took 1.2 s; a comb of 200 corners is cut into its teeth."""
+    teeth = [
+        (x, y)
+        for k in range(49)
+        for x, y in ((4 * k, 0), (4 * k, 9), (4 * k + 2, 9), (4 * k + 2, 0))
+    ]
+    comb = [*teeth, (194, -5), (0, -5)]
+    began = time.process_time()
+    parts = convex_parts(checked(comb))
+    assert time.process_time() - began < 1.0
+    assert sum(map(area, parts)) == pytest.approx(49 * 18 + 194 * 5)
+    assert all((turns(part) > 0.0).all() for part in parts)

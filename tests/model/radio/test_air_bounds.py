@@ -1,5 +1,6 @@
 """Bounds of how fast levels and ratios change, and path losses without them."""
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,10 +10,10 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import kernel
 from desim_uav.model.radio.bounds import bound_levels, bound_ratio
-from desim_uav.model.radio.functions import log10
+from desim_uav.model.radio.functions import log10, slant_range_m
 from desim_uav.model.radio.levels import RATES, compiled_loss
 from desim_uav.model.radio.links import SENDER, Links, look
-from desim_uav.model.radio.path_loss import AlHourani, FreeSpace
+from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, free_space_db
 from desim_uav.model.radio.scene import begin_links, relate, take_first_rows, take_rows
 from tests.model.radio.airs import RADIOS, USER_M, TwoSlopes, kept_loss, random_sky, stroll
 
@@ -21,7 +22,7 @@ from tests.model.radio.airs import RADIOS, USER_M, TwoSlopes, kept_loss, random_
 def write_rates(at, values, branch, distances_m, heights_m, withins_m, rates):
     for k in range(len(rates)):
         row = rates.ctypes.data + 8 * RATES * k
-        call(at, (values, branch, distances_m[k], heights_m[k], withins_m[k], row))
+        call(at, (values, 2.0, branch, distances_m[k], heights_m[k], withins_m[k], row))
 
 
 def nearby(rng, centres, withins):
@@ -97,13 +98,68 @@ class Steeper(AlHourani):
     """A loss whose bounds are not those of the class that it is derived from."""
 
     def nlos_db(self, distance_m, height_m, carrier_ghz):
-        return 2.0 * super().nlos_db(distance_m, height_m, carrier_ghz)
+        return 2.0 * (free_space_db(distance_m, height_m, carrier_ghz) + self.eta_nlos_db)
 
 
-def test_a_path_loss_without_bounds_is_refused():
+class Alike(TwoSlopes):
+    """A loss with a kink, whose bounds have to be sampled."""
+
+    def los_db(self, distance_m, height_m, carrier_ghz):
+        slant_m = slant_range_m(distance_m, height_m)
+        return 40.0 + 20.0 * log10(slant_m) + max(15.0 * log10(slant_m / self.kink_m), 0.0)
+
+
+def test_a_path_loss_without_bounds_has_sampled_ones():
+    """They hold, and are not much wider than need be: less than three times those of formulas."""
     assert AlHourani.is_bounded() and TwoSlopes.is_bounded() and not Steeper.is_bounded()
-    with pytest.raises(ScenarioError, match="test_air_bounds:Steeper' needs a method slope"):
-        compiled_loss(Steeper("urban"))
+    rng, count = np.random.default_rng(4), 300
+    distances, heights = 10 ** rng.uniform(0.0, 3.5, count), 10 ** rng.uniform(0.5, 2.5, count)
+    withins = np.hypot(distances, heights) * 10 ** rng.uniform(-4.0, -0.2, count)
+    own, known = np.empty((count, RATES)), np.empty((count, RATES))
+    for path_loss, formulas in ((Steeper("urban"), None), (Alike(250.0), TwoSlopes(250.0))):
+        loss = compiled_loss(path_loss)
+        for branch in range(3):
+            write_rates(loss.rates, loss.values, branch, distances, heights, withins, own)
+            level_db = (path_loss.mean_db, path_loss.los_db, path_loss.nlos_db)[branch]
+            places = np.column_stack([distances, heights])
+            for place, within, rates in zip(places, withins, own, strict=True):
+                for share in (0.2, 0.7, 0.99):
+                    angle = rng.uniform(0.0, 2.0 * np.pi)
+                    move = share * within * np.array([np.cos(angle), np.sin(angle)])
+                    other = np.maximum(place + move, 0.01)
+                    rise = level_db(*place, 2.0) - level_db(*other, 2.0)
+                    moved = other - place
+                    least = sum(min(rates[2 * k : 2 * k + 2] * moved[k]) for k in range(2))
+                    most = sum(max(rates[2 * k : 2 * k + 2] * moved[k]) for k in range(2))
+                    assert least - 1e-9 <= rise <= most + 1e-9
+            if formulas:
+                bound = compiled_loss(formulas)
+                write_rates(bound.rates, bound.values, branch, distances, heights, withins, known)
+                assert (own[:, 3] <= 3.0 * known[:, 3]).all()
+
+
+def test_sampled_bounds_are_those_at_the_carrier():
+    """A loss whose exponent rises with the carrier has bounds that do."""
+    loss, rates = compiled_loss(ByCarrier()), np.empty(RATES)
+    found = []
+    for carrier_ghz in (1.0, 3.0):
+        call_once(loss.rates, (loss.values, carrier_ghz, 1, 300.0, 100.0, 1.0, rates.ctypes.data))
+        found.append(rates[0])
+    assert found[1] == pytest.approx(3.0 * found[0])
+
+
+@kernel
+def call_once(at, arguments):
+    call(at, arguments)
+
+
+@dataclass(frozen=True)
+class ByCarrier(FreeSpace):
+    """A loss that rises faster at a higher carrier."""
+
+    def los_db(self, distance_m, height_m, carrier_ghz):
+        slant_m = slant_range_m(distance_m, height_m)
+        return 10.0 + 10.0 * carrier_ghz * log10(slant_m)
 
 
 @dataclass(frozen=True)
@@ -123,10 +179,13 @@ class Unbounded(TwoSlopes):
 
 
 def test_bounds_that_levels_exceed_are_refused():
-    with pytest.raises(
-        ScenarioError, match="TooFlat': its loss changes faster than its slope says"
-    ):
+    with pytest.raises(ScenarioError, match="TooFlat': its loss changes faster") as refused:
         compiled_loss(TooFlat(250.0))
+    assert "from a distance of 100 m and a height of 20 m to " in str(refused.value)
+    assert re.search(
+        r"by los_db changes by (-[\d.]+) dB, but by the slope .* by (-[\d.]+) dB",
+        str(refused.value),
+    )
     with pytest.raises(ScenarioError, match="Unbounded': its slope must be finite"):
         compiled_loss(Unbounded(250.0))
 
@@ -144,7 +203,7 @@ class NotCompiled(FreeSpace):
 
 
 def test_a_path_loss_that_cannot_be_compiled_is_refused():
-    with pytest.raises(ScenarioError, match="test_air_bounds:NotCompiled' must be compiled where"):
+    with pytest.raises(ScenarioError, match="test_air_bounds:NotCompiled': must be compiled where"):
         compiled_loss(NotCompiled())
 
 

@@ -1,0 +1,152 @@
+"""The invariants of an episode that concern more than one moment.
+
+They are the order of admission in an instant, changes of drones, and outages. What the audit has
+seen is kept here from one event to the next.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+from desim_uav.engine.base import EpisodeLog
+from desim_uav.rules.admission import FirstCome
+from desim_uav.rules.words import ON_ATTACH, ON_HANDOVER, ON_LEG, ON_OUTAGE, ON_OUTAGE_END, ON_SERVE
+
+if TYPE_CHECKING:
+    from desim_uav.engine.des import Simulation
+
+BACK_US = 100
+"""Within this time, no user is handed back to a drone because of levels that change steadily: their
+difference has to change its direction, for which drones have to brake."""
+
+
+@dataclass
+class Seen:
+    """What an audit has seen of an episode until ``now_us``.
+
+    ``read`` events of the present ``step`` have been read, the last of them in ``phase``.
+    ``attached`` counts those of this instant by phase and user, and ``served`` holds those served
+    in this phase by drone and user. ``handed`` maps
+    users to their last handover, as its time and the two drones. Users with an open request are
+    ``without`` a link, and were before this instant, by user and request; ``logged`` counts events.
+    """
+
+    log: EpisodeLog
+    whole: bool
+    now_us: int = 0
+    step: int = -1
+    read: int = 0
+    phase: int = 0
+    attached: Counter[tuple[int, int]] = field(default_factory=Counter)
+    served: set[tuple[int, int]] = field(default_factory=set)
+    handed: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    without: frozenset[tuple[int, int]] = frozenset()
+    before: frozenset[tuple[int, int]] = frozenset()
+    outages: int = 0
+    outage_us: int = 0
+    logged: Counter[int] = field(default_factory=Counter)
+
+
+SEEN: WeakKeyDictionary[Simulation, Seen] = WeakKeyDictionary()
+"""What has been seen of each simulation."""
+
+
+def audit_instant(simulation: Simulation) -> None:
+    """Check what has happened since the last event. Raises AssertionError if it must not have."""
+    state, log = simulation.state, simulation.log
+    seen = SEEN.get(simulation)
+    if seen is None or seen.log is not log or state.now_us < seen.now_us:
+        seen = SEEN[simulation] = Seen(log, state.now_us == state.step == 0)
+    if state.now_us > seen.now_us:
+        _elapse(seen, state.now_us)
+    over = log.duration_us > 0
+    if state.keeps_events:
+        _read(simulation, seen)
+        if not over:
+            _admission(simulation, seen)
+    if state.keeps_links:
+        asking = [user for user in state.users if user.request.number >= 0 and user.covered == 0]
+        seen.without = frozenset((user.index, user.request.number) for user in asking)
+        if over and seen.whole:
+            _totals(state, seen)
+
+
+def _elapse(seen: Seen, now_us: int) -> None:
+    """Count outages until now, and begin an instant."""
+    seen.outage_us += len(seen.without) * (now_us - seen.now_us)
+    seen.outages += len(seen.without - seen.before)
+    seen.before, seen.now_us = seen.without, now_us
+    seen.attached.clear()
+    seen.served.clear()
+
+
+def _read(simulation: Simulation, seen: Seen) -> None:
+    """Read new events, and check that users change their drones once in a phase, for a reason."""
+    state = simulation.state
+    if seen.step != state.step and simulation.log.duration_us == 0:
+        seen.step, seen.read = state.step, 0
+    for event in state.events[seen.read :]:
+        if event.kind == ON_LEG:
+            continue
+        if event.t_us == state.now_us and event.phase != seen.phase:
+            seen.phase = event.phase
+            seen.served.clear()
+        if event.kind == ON_ATTACH:
+            seen.attached[event.phase, event.user] += 1
+            once = seen.attached[event.phase, event.user] == 1
+            assert once, f"user {event.user} is attached twice in phase {event.phase}"
+        elif event.kind == ON_SERVE:
+            seen.served.add((event.drone, event.user))
+        elif event.kind == ON_HANDOVER:
+            _handover(simulation, seen, event.user, event.drone)
+        else:
+            seen.logged[event.kind] += 1
+    seen.read = len(state.events)
+
+
+def _handover(simulation: Simulation, seen: Seen, number: int, drone: int) -> None:
+    """Check that a user is not handed back at once by levels that rounding has made different."""
+    state, user = simulation.state, simulation.state.users[number]
+    at_us, came_from, left = seen.handed.get(number, (-BACK_US, -1, -1))
+    seen.handed[number] = state.now_us, user.left, drone
+    radios = [links.radio for links in simulation.world.links]
+    steady = state.by_level and not any(radio.graded and radio.marked for radio in radios)
+    back = (came_from, left) == (drone, user.left) and user.covering[left] >= 0
+    if steady and back:
+        lasted_us = state.now_us - at_us
+        assert not 0 < lasted_us < BACK_US, f"user {number} is handed back after {lasted_us} µs"
+
+
+def _admission(simulation: Simulation, seen: Seen) -> None:
+    """Check that nobody waits who would have fitted before somebody served in this phase."""
+    state, users = simulation.state, simulation.state.users
+    fleet = simulation.world.scenario.fleet
+    if state.to_scan or not all(isinstance(drones.admission, FirstCome) for drones in fleet):
+        return
+    for number in {drone for drone, _ in seen.served}:
+        drone = state.senders[number]
+        new = [users[user].request for d, user in seen.served if d == number]
+        new = [one for one in new if one.server == number and one.started_us == state.now_us]
+        for user in drone.waiting:
+            request = users[user].request
+            later = [one for one in new if not one.elastic and _place(one) > _place(request)]
+            later_hz = sum(one.used_hz for one in later)
+            waits = later_hz == 0 or request.needs_hz > drone.free_hz + later_hz
+            assert waits, f"user {user} waits behind those who asked later at drone {number}"
+
+
+def _place(request: Any) -> tuple[int, int]:
+    """Return the place of a request in the order of admission."""
+    return request.t_request_us, request.user
+
+
+def _totals(state: Any, seen: Seen) -> None:
+    """Check the counts of outages, and the events of them, at the end of an episode."""
+    found, counted = (seen.outages, seen.outage_us), (state.outages, state.outage_us)
+    assert found == counted, f"outages and their time: {found}, counted as {counted}"
+    if state.keeps_events:
+        logged = seen.logged[ON_OUTAGE], seen.logged[ON_OUTAGE_END]
+        assert logged == (state.outages,) * 2, f"{state.outages} outages, logged as {logged}"

@@ -1,0 +1,58 @@
+"""The sums of whole numbers that compiled code has in 64 bits, and what they can be at most.
+
+Python's whole numbers have no end, so only the SimPy engine runs worlds in which a sum might not
+fit. What no world can exceed is not listed here, but in ``docs/explanation/exactness.md``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from desim_uav.model.asking import MOST_BPS
+from desim_uav.rules.service import MILLION
+from desim_uav.world import World
+
+LARGEST = 2**62
+"""The largest sum: half of what 64 bits hold, because two of them are added and subtracted."""
+
+
+class Sum(NamedTuple):
+    """A sum over an episode: the keys that determine it, what it is, and its largest value."""
+
+    keys: str
+    what: str
+    most: int
+
+
+def too_large(world: World) -> list[str]:
+    """Return why sums of an episode of this world may not fit in 64 bits, if so."""
+    return [f"{one.keys}: {one.what}" for one in sums_of(world) if one.most > LARGEST]
+
+
+def sums_of(world: World) -> Iterator[Sum]:
+    """Yield the sums of an episode whose largest value depends on the scenario."""
+    scenario, horizon_us, users = world.scenario, world.horizon_us, len(world.homes)
+    drones = scenario.drone_count
+    together = "together is too long"
+    yield Sum("users.count, episode", f"the time of all users {together}", users * horizon_us)
+    yield Sum("drones.count, episode", f"the time of all drones {together}", drones * horizon_us)
+    if scenario.separation_m is not None:
+        pairs = drones * (drones - 1) // 2
+        what = f"the time of all pairs of drones {together}"
+        yield Sum("drones.count, separation_m, episode", what, pairs * horizon_us)
+    keys = [".".join(map(str, key)) for key in scenario.fleet_keys]
+    for key, own in zip(keys, world.types, strict=True):
+        # A drone takes off at a decision epoch, with at most the capacity, and uses no more.
+        used = own.capacity_us * (world.most_epochs + 1)
+        yield Sum(f"{key}.battery, episode", "what a drone may use is too much", used)
+    keys += [f"access_points.{k}" for k in range(len(scenario.access_points))]
+    for key, links in zip(keys, world.links, strict=True):
+        efficiencies = [int(each) for each in links.efficiencies if each > 0]
+        if math.isinf(links.bandwidth_hz):
+            needed_hz = MOST_BPS * MILLION // min(efficiencies, default=MILLION)
+            yield Sum(f"{key}.radio", "the bandwidth in use is too large", users * needed_hz)
+        else:
+            rate = int(links.bandwidth_hz) * max(efficiencies, default=0)
+            yield Sum(f"{key}.radio", "the rate of its bandwidth is too large", rate)

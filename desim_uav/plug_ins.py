@@ -1,0 +1,74 @@
+"""Whether, and after what notice, components of one's own may be imported, which runs their code.
+
+A scenario, and the folder of a run, name such components; who reads a file of somebody else's may
+not expect its code to run. The command line says so, or refuses them (``--no-plugins``).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import sysconfig
+from contextlib import suppress
+from pathlib import Path
+
+from desim_uav.notices import notice
+
+REFUSED = "--no-plugins refuses components of one's own, whose code would run"
+
+PROJECT = ("pyproject.toml", "setup.py", ".git")
+"""What is in the folder of a project."""
+
+
+class Admission:
+    """What the command line has asked for. In Python code, everything is imported silently."""
+
+    def __init__(self) -> None:
+        self._refuses = self._says = False
+        self._said: set[Path] = set()
+
+    def begin(self, refuses: bool) -> None:
+        """Begin a command of the command line, which refuses components of one's own or not."""
+        self._refuses, self._says = refuses, True
+        self._said.clear()
+
+    def ask(self, name: str) -> None:
+        """Ask whether a component, ``"package.module:Class"``, may be imported.
+
+        Says so, once per folder, if it is in none that the user has chosen: the current project,
+        what is installed, and ``PYTHONPATH``. Raises ValueError if it is refused.
+        """
+        if self._refuses:
+            raise ValueError(REFUSED)
+        folder = _folder_of(name.partition(":")[0].partition(".")[0]) if self._says else None
+        if folder is None or folder in self._said:
+            return
+        self._said.add(folder)
+        if not any(folder.is_relative_to(known) for known in _chosen()):
+            notice(f"{name!r} is imported from {folder}, which runs its code (see --no-plugins)")
+
+
+ADMISSION = Admission()
+
+
+def _folder_of(package: str) -> Path | None:
+    """Return the folder of a module or package without importing it; None if there is no file."""
+    with suppress(ImportError, ValueError, AttributeError, OSError):
+        spec = importlib.util.find_spec(package)
+        places = [spec.origin] if spec and spec.has_location else []
+        places = places or list((spec and spec.submodule_search_locations) or ())
+        if places and places[0]:
+            return Path(places[0]).resolve().parent
+    return None
+
+
+def _chosen() -> list[Path]:
+    """Return the folders whose code the user has chosen to run."""
+    found = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+    found += [Path(place) for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
+    found += [Path(__file__).parents[1], Path(sys.prefix)]
+    here = Path.cwd()
+    project = (at for at in (here, *here.parents) if any((at / name).exists() for name in PROJECT))
+    found += [at for at in (next(project, None),) if at is not None]
+    return [place.resolve() for place in found]

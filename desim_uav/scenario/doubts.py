@@ -1,0 +1,165 @@
+"""What a scenario may say and hardly means: each doubt is told, and nothing is refused.
+
+Components tell their own doubts in a method ``doubts``, and in ``summary`` what a recording holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from desim_uav.model.demand import Trace as RequestTrace
+from desim_uav.model.extents import extent_of, like_degrees
+from desim_uav.model.walking import Area
+from desim_uav.notices import notice
+from desim_uav.scenario.radio_checks import losses_without_bounds
+from desim_uav.scenario.schema import Scenario
+
+
+def doubts(scenario: Scenario) -> Iterator[str]:
+    """What is allowed and hardly meant, each with its key."""
+    for doubt in DOUBTS:
+        yield from doubt(scenario)
+
+
+def warn_of(scenario: Scenario) -> None:
+    """Print what a scenario hardly means on stderr, one line each."""
+    for doubt in doubts(scenario):
+        notice(f"warning: {doubt}")
+
+
+def recordings(scenario: Scenario) -> Iterator[str]:
+    """Yield in words what each recording of a scenario holds, with its key."""
+    components = {"users.mobility": scenario.users.mobility, "demand": scenario.demand}
+    for key, component in components.items():
+        summary = getattr(component, "summary", None)
+        if summary:
+            yield f"{key}: {summary(scenario.users.count, _horizon_s(scenario))}"
+
+
+def circles_fit_the_map(scenario: Scenario) -> Iterator[str]:
+    """Clusters and stations whose circles do not fit the map."""
+    width, depth = scenario.map.size_m
+    half, on_map = min(width, depth) / 2.0, f"the map of {width:g} x {depth:g} m"
+    clusters, stations = scenario.users.clusters, scenario.stations
+    if clusters is not None and clusters.radius_m[1] >= half:
+        low, high = clusters.radius_m
+        yield (
+            f"users.clusters.radius_m: [{low:g}, {high:g}]: clusters of {half:g} m and more lie in "
+            f"the middle of {on_map} (map.size_m), one upon the other"
+        )
+    on_circle = stations.count > 0 or any(one.start_cells is None for one in scenario.fleet)
+    if on_circle and stations.radius_m > half:
+        yield (
+            f"stations.radius_m: {stations.radius_m:g}: the circle leaves {on_map} (map.size_m); "
+            f"what is off it is moved to its edge"
+        )
+
+
+def drones_can_climb(scenario: Scenario) -> Iterator[str]:
+    """A map in 3D that has one level."""
+    if scenario.three_d and scenario.map.most_levels == 1:
+        lowest_m = scenario.map.levels.min_altitude_m
+        yield (
+            f"map.dimensions: 3: there is one level, at {lowest_m:g} m, because no building is as "
+            "high, so drones do not climb; map.levels.max_altitude_m adds levels above it, and "
+            "map.dimensions: 2 leaves out the actions of climbing"
+        )
+
+
+def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
+    """Recordings outside of an episode, or in units other than metres."""
+    users, horizon_s = scenario.users, _horizon_s(scenario)
+    own = getattr(users.mobility, "doubts", None)
+    for doubt in own(users.count, Area(*scenario.map.size_m), horizon_s) if own else ():
+        yield f"users.mobility: {doubt}"
+    own = getattr(scenario.demand, "doubts", None)
+    for doubt in own(users.count, horizon_s) if own else ():
+        yield f"demand: {doubt}"
+
+
+def places_are_in_metres(scenario: Scenario) -> Iterator[str]:
+    """Positions and zones that look like longitudes and latitudes."""
+    area = Area(*scenario.map.size_m)
+    given = {"users.positions_m": scenario.users.positions_m or ()}
+    for number, zone in enumerate(scenario.map.no_fly):
+        given[f"map.no_fly.{number}.polygon_m"] = zone.polygon_m
+    for key, places_m in given.items():
+        if not places_m:
+            continue
+        extent = extent_of(np.array(places_m))
+        if like_degrees(extent, area):
+            yield (
+                f"{key}: {extent}: these are hardly metres but longitudes and latitudes in "
+                "degrees; project them to metres"
+            )
+
+
+def zones_stand_in_the_way(scenario: Scenario) -> Iterator[str]:
+    """No-fly zones that no drone can meet."""
+    width, depth = scenario.map.size_m
+    for number, zone in enumerate(scenario.map.no_fly):
+        extent = extent_of(np.array(zone.polygon_m))
+        if extent.least_x_m >= width or extent.least_y_m >= depth:
+            yield (
+                f"map.no_fly.{number}.polygon_m: {extent}: it is off the map of {width:g} x "
+                f"{depth:g} m (map.size_m)"
+            )
+
+
+def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
+    """Requests that hold more than the bandwidth of any drone, so that none ever serves them."""
+    most_bps = _most_bps(scenario)
+    demand: Any = scenario.demand
+    asked: Mapping[str, float] = {
+        name: float(np.max(service.bandwidths_bps())) for name, service in scenario.services.items()
+    }
+    mix = getattr(demand, "mix", None)
+    key = "services.{}"
+    if isinstance(demand, RequestTrace):
+        asked = {name: 1000.0 * kbps for name, kbps in demand.largest_kbps().items()}
+        key = f"demand: {demand.file}: {{}}"
+    elif isinstance(mix, Mapping):
+        asked = {name: bps for name, bps in asked.items() if mix.get(name, 0.0) > 0.0}
+    for name, bps in asked.items():
+        if bps > most_bps:
+            yield (
+                f"{key.format(name)}: requests for {bps / 1000:g} kbit/s are never served, because "
+                f"no drone has more than {most_bps / 1000:g} kbit/s"
+            )
+
+
+def losses_have_bounds(scenario: Scenario) -> Iterator[str]:
+    """Path losses of one's own without bounds, which are then sampled."""
+    for key, why in losses_without_bounds(scenario):
+        yield (
+            f"{key}: it has no method slope, so how fast a level can change is computed from "
+            f"samples, which is slower and no proof; it is needed because {why}"
+        )
+
+
+DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
+    circles_fit_the_map,
+    drones_can_climb,
+    recordings_fit_an_episode,
+    places_are_in_metres,
+    zones_stand_in_the_way,
+    services_fit_the_bandwidth,
+    losses_have_bounds,
+)
+
+
+def _horizon_s(scenario: Scenario) -> float:
+    return scenario.episode.steps * scenario.episode.step_s
+
+
+def _most_bps(scenario: Scenario) -> float:
+    """Return the highest rate that a drone or an access point can have, in bit/s."""
+    radios = [(drones.radio, drones.bandwidth_kbps) for drones in scenario.fleet]
+    radios += [(point.radio, None) for point in scenario.access_points]
+    return max(
+        radio.bandwidth_hz(kbps) * max(radio.efficiencies(), default=0) / 1e6
+        for radio, kbps in radios
+    )
