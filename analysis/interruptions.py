@@ -17,7 +17,7 @@ from desim_uav.experiment.statistics import estimate
 MEASURES = {
     "completion, s": ("completion_s", 1),
     "QoE1, points": ("qoe1", 100),
-    "QoE2, it.": ("qoe2_iterations", 1),
+    "QoE2, steps": ("qoe2_iterations", 1),
 }
 SIDES = pd.MultiIndex.from_product([["mean", "size"], [False, True]])
 

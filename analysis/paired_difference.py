@@ -17,7 +17,7 @@ from desim_uav.experiment.statistics import paired
 
 MEASURES = {
     "QoE1, points": ("qoe1", 100),
-    "QoE2, it.": ("qoe2_iterations", 1),
+    "QoE2, steps": ("qoe2_iterations", 1),
     "wait, s": ("wait_s", 1),
     "completion, s": ("completion_s", 1),
     "interruptions": ("interruptions", 1),

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import importlib.util
 import pkgutil
+import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -140,12 +142,27 @@ def what_failed(error: BaseException) -> str:
     own = [at for at in frames if at[0].co_filename in _PLUG_INS] or [
         at for at in frames if _is_foreign(at[0])
     ]
-    said = f"{type(error).__name__}: {error}"
+    said = f"{type(error).__name__}: {error}{_fields(error)}"
     if not own:
         return said
     code, line = own[-1]
     within = "" if code.co_name == "<module>" else f", in {code.co_qualname}"
     return f"{said} ({code.co_filename}:{line}{within})"
+
+
+def _fields(error: BaseException) -> str:
+    """Return what an object of ours has instead of an attribute that it lacks, or ""."""
+    of = type(getattr(error, "obj", None))
+    if not isinstance(error, AttributeError) or not of.__module__.startswith("desim_uav."):
+        return ""
+    return has_instead(of, str(error.name))
+
+
+def has_instead(of: type, name: str) -> str:
+    """Return the fields of a row or a record that has none called ``name``, or ""."""
+    listings = ("kinds", "__dataclass_fields__", "_fields")
+    known = next((list(vars(of)[each]) for each in listings if each in vars(of)), [])
+    return f"{did_you_mean(name, known)}; it has {', '.join(known)}" if known else ""
 
 
 @contextmanager
@@ -170,16 +187,47 @@ def _is_foreign(code: CodeType) -> bool:
     return not file.startswith("<") and not Path(file).is_relative_to(Path(__file__).parent)
 
 
+class _NotThereError(ValueError):
+    """There is no such file, or nothing of this name in a module."""
+
+
+def _imported(name: str) -> ModuleType:
+    """Return a module by its name, or by the path of its file, which ends in ``.py``."""
+    if not name.endswith(".py"):
+        return importlib.import_module(name)
+    file = Path(name).resolve()
+    if not file.is_file():
+        raise _NotThereError("no such file")
+    if str(file) in sys.modules:
+        return sys.modules[str(file)]
+    spec = importlib.util.spec_from_file_location(str(file), file)
+    assert spec is not None and spec.loader is not None, "it ends in .py"
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[str(file)] = module  # dataclasses look for the module of their class
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[str(file)]
+        raise
+    return module
+
+
 def _import_class(name: str) -> type:
     ADMISSION.ask(name)
-    module_name, _, class_name = name.partition(":")
+    module_name, _, class_name = name.rpartition(":")
     try:
-        module = importlib.import_module(module_name)
+        module = _imported(module_name)
+        if not hasattr(module, class_name):
+            classes = [key for key, one in vars(module).items() if isinstance(one, type)]
+            raise _NotThereError(f"it has no {class_name!r}{did_you_mean(class_name, classes)}")
         found = getattr(module, class_name)
+    except _NotThereError as error:
+        raise ValueError(f"cannot import {name!r}: {error}") from error
     except FAULTS as error:
         raise ValueError(f"cannot import {name!r}: {what_failed(error)}") from error
     try:
-        own_code.check_place(module)
+        if not module_name.endswith(".py"):  # a path is of one file
+            own_code.check_place(module)
         own_code.check_unchanged(module)
     except ValueError as error:
         raise ValueError(f"cannot use {name!r}: {error}") from error

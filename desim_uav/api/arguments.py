@@ -6,8 +6,8 @@ import inspect
 import math
 import operator
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from desim_uav.api.invocation import command_line
-from desim_uav.errors import DesimWarning, UsageError, located
+from desim_uav.errors import DesimWarning, UsageError
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.policies.base import policy_name
 from desim_uav.scenario.doubts import warn_of
+from desim_uav.scenario.draft import blaming
 from desim_uav.scenario.load import Overrides, from_mapping, load, override_texts, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_scenario
@@ -36,15 +37,12 @@ class Opened:
 
     scenario: Scenario
     path: Path | None
+    settings: Sequence[str] = ()
+    """The overrides that were given."""
 
-    @contextmanager
-    def located(self) -> Iterator[None]:
-        """Name the file in problems that are found only in drawing a world."""
-        if self.path is None:
-            yield
-        else:
-            with located(self.path):
-                yield
+    def located(self) -> AbstractContextManager[None]:
+        """Name the override or the file in problems that are found only in drawing a world."""
+        return blaming(self.path, self.settings)
 
 
 def opened(
@@ -62,13 +60,18 @@ def opened(
         path = find_scenario(str(scenario))
         loaded = at_once(load, path, settings)
         warn_of(loaded)
-        return Opened(loaded, path)
+        return Opened(loaded, path, settings)
     if isinstance(scenario, Scenario):
         if not settings:
             return Opened(scenario, None)
         plain, source = to_plain(scenario), f"<{scenario.name}>"
-        return Opened(from_mapping(plain, source=source, overrides=settings), None)
-    return Opened(from_mapping(scenario, overrides=settings), None)
+        return Opened(from_mapping(plain, source=source, overrides=settings), None, settings)
+    if not isinstance(scenario, Mapping):
+        raise UsageError(
+            f"scenario: {scenario!r}: must be the name of a shipped scenario, a file, the content "
+            "of one as a mapping, or a Scenario"
+        )
+    return Opened(from_mapping(scenario, overrides=settings), None, settings)
 
 
 def seeds_of(seeds: int | Sequence[int], first_seed: int = 0) -> list[int]:

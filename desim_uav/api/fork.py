@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -121,7 +121,8 @@ def counterfactual(
     given = locals()
     episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
     warmup = arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
-    at = forking.At.of(fork if isinstance(fork, str) else ":".join(map(str, fork)))
+    parts = [fork] if isinstance(fork, str) or not isinstance(fork, Iterable) else fork
+    at = forking.At.of(":".join(map(str, parts)))
     if at.episode >= arguments.MOST_EPISODES:
         raise UsageError(f"--fork {at}: there are at most {arguments.MOST_EPISODES:,} episodes")
     found = arguments.opened(scenario, overrides, seed, world_seed)

@@ -65,6 +65,11 @@ class RunResult:
         return [int(run.manifest["seed"]) for run in self._runs]
 
     @property
+    def world_seeds(self) -> list[int]:
+        """The seeds of the worlds it was run in: one for each seed."""
+        return [int(run.manifest["world_seed"]) for run in self._runs]
+
+    @property
     def manifests(self) -> list[dict[str, Any]]:
         """For each seed, how the run was made: scenario, seeds, engine, versions and times."""
         return [run.manifest for run in self._runs]
@@ -147,7 +152,7 @@ class RunResult:
         allowed = (*measures.GROUPS, "seed")
         if by is not None and by not in allowed:
             raise UsageError(
-                f"by: {by!r}{did_you_mean(by, allowed)}; allowed: {', '.join(allowed)}"
+                f"by: {by!r}{did_you_mean(str(by), allowed)}; allowed: {', '.join(allowed)}"
             )
         if by is None:
             return self.qoe("seed").mean()
@@ -327,7 +332,7 @@ class RunResult:
         counted = int(self.summaries()[0]["episodes"])
         return (
             f"<{self._title()}, {_number(counted, 'episode')}: QoE1 {seen['qoe1_percent']:.1f} %, "
-            f"QoE2 {seen['qoe2_iterations']:.2f} iterations, QoE3 {seen['qoe3_percent']:.1f} %>"
+            f"QoE2 {seen['qoe2_iterations']:.2f} steps, QoE3 {seen['qoe3_percent']:.1f} %>"
         )
 
     def _repr_html_(self) -> str:
@@ -348,6 +353,8 @@ class RunResult:
     def _title(self) -> str:
         seeds = self.seeds
         told = f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds"
+        if len(set(self.world_seeds)) == 1 and self.world_seeds != seeds:
+            told += f" in world {self.world_seeds[0]}"
         return f"{self.scenario.name}, {self.policy}, {told}"
 
     def _by_service(self) -> list[list[dict[str, Any]]]:
@@ -397,10 +404,11 @@ def run(
             object or class, the result of ``train``, or a plain function
             ``f(observation, mask) -> action``.
         seed: What everything random is drawn from. Default: the scenario's.
-        seeds: How many seeds to run on, or which; each draws a world of its own, unless the
-            scenario or the policy has one. The tables then have a column ``seed``.
+        seeds: How many seeds to run on, or which; each draws a world of its own, unless there is a
+            ``world_seed``. The tables then have a column ``seed``.
         first_seed: The first of so many ``seeds``; the others follow it.
-        world_seed: What the world alone is drawn from.
+        world_seed: What the world alone is drawn from, whatever the policy. Default: the
+            scenario's, or else each seed. A warning says if a policy was learned in another world.
         episodes: Episodes that count, per seed.
         warmup: Episodes before them that count in no measure.
         events: Keep the event log and the drones' flights.
@@ -429,8 +437,8 @@ def run(
     with found.located():
         first = command.prepare(scenarios[0], policy, engine, events)
     places = [_place(one, policy, out, seeds is not None, resume) for one in scenarios]
-    if first.notice:
-        arguments.warn(first.notice)
+    for notice in filter(None, [first.notice or _apart(first, scenarios)]):
+        arguments.warn(notice)
     how = command.How(episodes, warmup, events, engine, arguments.command_of(run, given))
     kept: list[Kept] = []
     with shown(progress, (warmup + episodes) * len(drawn), engine=engine) as advance:
@@ -455,6 +463,17 @@ def read_run(folder: str | Path) -> RunResult:
     written, or is not a run's.
     """
     return RunResult([InFolder(Path(folder))])
+
+
+def _apart(first: command.Prepared, scenarios: Sequence[Scenario]) -> str:
+    """Return a warning if later seeds have other worlds than that of the policy's training."""
+    learned = getattr(first.policy, "world_seed", None)
+    if learned is None or {one.effective_world_seed for one in scenarios} == {learned}:
+        return ""
+    return (
+        f"{first.name} was learned in world {learned} and is run in a world for each seed; "
+        f"set the world seed to {learned} to run it in its own world"
+    )
 
 
 def _run_one(

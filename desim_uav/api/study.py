@@ -7,6 +7,7 @@ from pathlib import Path
 
 from desim_uav.api import arguments
 from desim_uav.api.found import Bounds, Optimum
+from desim_uav.api.sources import each_of
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import reproduce as paper
 from desim_uav.experiment.bounds import bounds, work_of
@@ -16,6 +17,7 @@ from desim_uav.experiment.progress import progress as shown
 from desim_uav.experiment.sweep.plan import Asked
 from desim_uav.experiment.sweep.run import BACKENDS, sweep_to_folder
 from desim_uav.experiment.sweep.table import Done
+from desim_uav.policies.base import policy_name
 from desim_uav.registry import did_you_mean
 from desim_uav.scenario.load import Overrides
 from desim_uav.shipped import find_scenario
@@ -59,7 +61,8 @@ def sweep(
         values: For each key a list of values, such as ``{"drones.count": [2, 3, 4]}``, or texts as
             on the command line, such as ``["drones.count=2:4"]``.
         out: The folder of the sweep; its ``results`` are one Parquet dataset.
-        policies: Names and files of policies to run. Default: the baseline, if nothing is trained.
+        policies: Names and files of policies to run, one or several. Default: the baseline, if
+            nothing is trained.
         train: Train on each seed, too, and evaluate greedily.
         algorithms: What to train by. Default: the scenario's algorithm.
         seeds: How many seeds.
@@ -91,9 +94,9 @@ def sweep(
     asked = Asked(
         find_scenario(str(scenario)) if isinstance(scenario, str | Path) else scenario,
         values,
-        None if policies is None else [str(policy) for policy in policies],
+        None if policies is None else [_named(policy) for policy in each_of(policies)],
         train,
-        algorithms,
+        None if algorithms is None else each_of(algorithms),
         range(first_seed, first_seed + seeds),
         episodes,
         warmup,
@@ -113,6 +116,16 @@ def sweep(
     if done.interrupted:
         raise Interrupted("interrupted; the jobs that had ended are kept", done)
     return done
+
+
+def _named(policy: object) -> str:
+    """Return a policy by the name that rows of a sweep have. Raises UsageError."""
+    if not isinstance(policy, str | Path):
+        raise UsageError(
+            f"policies: {policy_name(policy)}: must be the name or the file of a policy, because "  # type: ignore[arg-type]
+            "the rows of a sweep are known by it; compare takes objects"
+        )
+    return policy_name(policy)
 
 
 def reproduce(

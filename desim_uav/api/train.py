@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from desim_uav.api.arguments import MOST_TRAINING, ScenarioLike, command_of, opened, whole
+from desim_uav.api.sources import each_of
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment.evaluate import evaluate
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 SHOWN = {
     "reward_mean": ("reward per episode", ".3f"),
     "qoe1_percent": ("QoE1 %", ".1f"),
-    "qoe2_iterations": ("QoE2 iterations", ".2f"),
+    "qoe2_iterations": ("QoE2 steps", ".2f"),
     "qoe3_percent": ("QoE3 %", ".1f"),
     "crashes_per_drone_episode": ("crashes per drone and episode", ".4f"),
 }
@@ -56,9 +57,9 @@ class TrainingProgress:
         episode: Episodes learned so far.
         episodes: Episodes that were asked for.
         reward: Of a drone in an episode.
-        qoe1_percent: QoE1.
-        qoe2_iterations: QoE2.
-        qoe3_percent: QoE3.
+        qoe1_percent: QoE1, in percent.
+        qoe2_iterations: QoE2, in steps.
+        qoe3_percent: QoE3, in percent.
         crashes: Per drone and episode.
         epsilon: How often the drones explored in the last episode.
         alpha: The learning rate of the last episode.
@@ -256,7 +257,9 @@ def train(
     further = {"learning.algorithm": algorithm, "learning.episodes": episodes}
     found = opened(scenario, overrides, seed, world_seed, further)
     command = command_of(train, given)
-    callbacks = (callback,) if callable(callback) else tuple(callback)
+    callbacks = (callback,) if callable(callback) else tuple(each_of(callback))
+    if not all(map(callable, callbacks)):
+        raise UsageError(f"callback: {callback!r}: must be a function, or several")
     pauses = [_pause(callbacks, callback_every)] if callbacks else []
     with training_progress(progress, found.scenario.learning.episodes) as bar, found.located():
         if not out:

@@ -50,9 +50,10 @@ def validate(
     Components that a file names as module:Class are imported from the working folder, which runs
     their code; --no-plugins refuses them.
     """
-    from desim_uav.errors import ScenarioError, located
+    from desim_uav.errors import ScenarioError
     from desim_uav.experiment.interrupt import at_once
     from desim_uav.scenario.doubts import recordings, warn_of
+    from desim_uav.scenario.draft import blaming
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
     from desim_uav.world import build_world
@@ -62,7 +63,7 @@ def validate(
         try:
             path = find_scenario(file)
             scenario = at_once(load, path, overrides or [])
-            with located(path):
+            with blaming(path, overrides or []):
                 at_once(build_world, scenario, scenario.effective_world_seed)
             warn_of(scenario)
             tell(f"{file}: valid")

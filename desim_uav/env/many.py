@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -62,8 +63,10 @@ class Many(VectorSaving, Independent):
         render_mode: str | None,
     ) -> None:
         """Make the environments. For the errors see ``UavVectorEnv``."""
-        if num_envs < 1 or not threads >= 1:
-            raise error.Error(f"num_envs {num_envs}, threads {threads}: must be 1 or more")
+        for name, number in (("num_envs", num_envs), ("threads", threads)):
+            if not hasattr(number, "__index__") or isinstance(number, bool) or number < 1:
+                raise error.Error(f"{name} {number!r}: must be a whole number, 1 or more")
+        num_envs, threads = operator.index(num_envs), operator.index(threads)
         if render_mode not in (None, "rgb_array"):
             raise error.UnsupportedMode(
                 f"render_mode {render_mode!r}: must be None or 'rgb_array'; only a single "

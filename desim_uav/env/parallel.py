@@ -137,6 +137,11 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         episode ``agents`` is empty. Raises ResetNeeded outside an episode, and ActionError for an
         invalid action, or if the actions are not exactly one per agent.
         """
+        if not isinstance(actions, Mapping):
+            raise ActionError(
+                f"actions must be a mapping from agents to actions, not {actions!r}; there must be "
+                f"one for each of {self.agents}"
+            )
         if self.agents and actions.keys() != self.action_spaces.keys():
             raise ActionError(
                 f"there must be one action for each of {self.agents}, not for {list(actions)}"

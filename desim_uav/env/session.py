@@ -349,9 +349,13 @@ def info_keys(terms: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _checked(seed: int) -> int:
-    if not 0 <= operator.index(seed) < MOST_SEEDS:
-        raise error.Error(f"seed {seed}: must be a whole number from 0 to 2**63 - 1")
-    return operator.index(seed)
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if not 0 <= number < MOST_SEEDS:
+        raise error.Error(f"seed {seed!r}: must be a whole number from 0 to 2**63 - 1")
+    return number
 
 
 def whole_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.int64]:

@@ -85,8 +85,8 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
 
         Returns the observation and the info. There are no ``options``.
         """
-        super().reset(seed=seed)
         self.session.reset(seed)
+        super().reset(seed=None if seed is None else self.session.seed)
         return self._shown()
 
     def _shown(self) -> tuple[NDArray[Any], dict[str, Any]]:

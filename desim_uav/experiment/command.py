@@ -27,8 +27,8 @@ from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
-NAMED = ("scenario", "policy", "seed")
-"""The entries of a manifest that a summary repeats."""
+NAMED = ("scenario", "policy", "seed", "world_seed")
+"""The entries of a manifest that a summary repeats, if it has them."""
 
 ALWAYS_CALLED = ("policy.npz", "desim_uav.npz")
 """File names of policies that are the same in every folder; the folder's name tells more."""
@@ -62,7 +62,13 @@ class Prepared:
     def notice(self) -> str:
         """The policy's warning about this world, or "" if it has none."""
         text: str = getattr(self.policy, "notice", lambda world: "")(self.world)
-        return text
+        learned = getattr(self.policy, "world_seed", None)
+        if not text or learned in (None, self.world.seed):
+            return text
+        return (
+            f"{text}; it is run in world {self.world.seed}: set the world seed to {learned} to run "
+            "it in its own world"
+        )
 
 
 @dataclass(frozen=True)
@@ -103,13 +109,13 @@ def prepare(
 ) -> Prepared:
     """Load a policy and build the world in which it is run on the scenario's seed.
 
-    A trained policy is run in the world of its training, unless the scenario names a world, and
-    with the observation that it needs.
+    The world is that of the scenario's ``world_seed``, or else of its seed, for every policy. A
+    network is run with the observation that it needs.
     ``keep_events`` says that episodes keep their event logs, which takes memory. Raises PolicyError
     if the policy cannot be loaded, and ScenarioError if the engine cannot run the scenario.
     """
     loaded = load_policy(policy)
-    scenario = as_seen(_where_it_learned(scenario, loaded), loaded)
+    scenario = as_seen(scenario, loaded)
     world = at_once(build_world, scenario, scenario.effective_world_seed)
     check_engine(engine, world, keep_events)
     return Prepared(scenario, world, loaded, policy_name(policy))
@@ -321,7 +327,7 @@ def read_summary(
     for episode in asked:
         raise _of_two_runs(folder, episode)
     manifest = read_manifest(folder)
-    named = {key: manifest[key] for key in NAMED}
+    named = {key: manifest[key] for key in NAMED if key in manifest}
     by_group = None if groups is None else groups.summaries()
     return named | tally.headline() | {"run_dir": str(folder)}, by_group
 
@@ -333,19 +339,12 @@ def _of_two_runs(folder: Path, episode: int) -> PolicyError:
     )
 
 
-def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:
-    """Return the scenario with the world of the policy's training, unless it names a world."""
-    world_seed = getattr(policy, "world_seed", None)
-    if scenario.world_seed is not None or world_seed is None:
-        return scenario
-    return scenario.model_copy(update={"world_seed": world_seed})
-
-
 def label_of(name: str) -> str:
     """Return a policy's part of a folder's name: the name of its file or of the file's folder."""
     file = file_of(name)
     if file is None:
-        return name
+        module, _, own = name.rpartition(":")
+        return f"{Path(module).stem}:{own}" if module.endswith(".py") else name
     named = file.absolute().parent.name if file.name in ALWAYS_CALLED else file.stem
     kind, argument = parts(name)
     options = argument.partition(file.name)[2]  # of a planner

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -268,7 +268,7 @@ def policies_by_name(
     if isinstance(policies, Mapping):
         named = dict(policies)
     else:
-        if isinstance(policies, str):
+        if isinstance(policies, str) or not isinstance(policies, Iterable):
             raise UsageError(f"policies: {policies!r} is one policy; write a list of them")
         names = [policy_name(policy) for policy in policies]
         for name in names:

@@ -185,7 +185,7 @@ def _csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 
 
 HEADINGS = (
-    *("case", "policy", "QoE1 %", "feasible QoE1 %", "QoE2 it.", "QoE3 %", "best cover %"),
+    *("case", "policy", "QoE1 %", "feasible QoE1 %", "QoE2 steps", "QoE3 %", "best cover %"),
     *("crashes", "last episode: QoE1, 2, 3", "published: QoE1, 2, 3"),
 )
 

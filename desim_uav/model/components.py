@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -18,6 +20,7 @@ from desim_uav.model.kernels import checked_kernel, kernel, rule
 from desim_uav.model.rows import BoundedTable, Row, Table, Words, fill, packed, row
 from desim_uav.model.value_text import OURS, ChangedError, UndescribedError
 from desim_uav.notices import notice
+from desim_uav.registry import has_instead
 
 C = TypeVar("C")
 
@@ -211,4 +214,14 @@ def cause_of(error: Exception, component: Any) -> str:
             return f"its field {name!r} is no number"
     lines = [line.strip(" -") for line in message.splitlines() if line.strip()]
     named = (line for cause in CAUSES for line in lines if cause in line)
-    return next(named, lines[1] if len(lines) > 1 else lines[0])
+    line = next(named, lines[1] if len(lines) > 1 else lines[0])
+    return line + _fields_instead(line)
+
+
+def _fields_instead(line: str) -> str:
+    """Return the fields of a row, if Numba's message names a field that it does not have."""
+    found = re.search(r"Unknown attribute '(\w+)' of type ([\w.]+)\.(\w+?)[0-9a-f]{8}$", line)
+    if found is None:
+        return ""
+    row_class = getattr(sys.modules.get(found[2]), found[3], None)
+    return "" if row_class is None else has_instead(row_class, found[1])

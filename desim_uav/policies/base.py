@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -13,9 +14,9 @@ from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
 from desim_uav.policies.answers import commands_of
 from desim_uav.policies.function import Choice, Function
-from desim_uav.registry import FAULTS, names, resolve, what_failed
+from desim_uav.registry import FAULTS, did_you_mean, names, resolve, what_failed
 from desim_uav.scenario.schema import Scenario
-from desim_uav.shipped import find_table
+from desim_uav.shipped import find_table, trained_names
 from desim_uav.world import World
 
 if TYPE_CHECKING:
@@ -186,7 +187,8 @@ def load_policy(policy: PolicyLike) -> Policy:
     """Return the policy that a name, a file, an object or a function stands for.
 
     A name is that of a built-in policy, ``FILE.npz`` for a learned table or a network,
-    ``script:FILE.csv``, ``sb3:FILE.zip``, ``rllib:DIR``, or ``"package.module:Class"``. A ``Path``
+    ``script:FILE.csv``, ``sb3:FILE.zip``, ``rllib:DIR``, or ``"package.module:Class"``, whose
+    module may also be a file: ``"FILE.py:Class"``. A ``Path``
     needs no prefix. ``PolicyLike`` lists everything else that is accepted. Raises PolicyError for
     anything that is not a policy or cannot be read.
     """
@@ -270,9 +272,14 @@ def policy_name(policy: PolicyLike) -> str:
 def _of_name(name: str) -> Any:
     """Make the policy with this name. Raises PolicyError."""
     kind, argument = parts(name)
+    known = resolve("policy", kind) if kind in names("policy") else None
+    if known is None and ":" not in name:
+        raise PolicyError(_unknown(name))
+    if known is not None and argument and not inspect.signature(known).parameters:
+        raise PolicyError(f"policy {name!r}: {kind!r} takes nothing after it: write {kind}")
     try:
-        if kind in names("policy"):
-            return resolve("policy", kind)(*[argument] if argument else [])
+        if known is not None:
+            return known(*[argument] if argument else [])
         return resolve("policy", name)()
     except DesimError:
         raise
@@ -280,6 +287,18 @@ def _of_name(name: str) -> Any:
         raise PolicyError(f"policy {name!r}: {error or type(error).__name__}") from error
     except FAULTS as error:
         raise PolicyError(f"policy {name!r}: {what_failed(error)}") from error
+
+
+def _unknown(name: str) -> str:
+    """Return what is wrong with a name that is no policy's."""
+    if name.endswith(".py"):
+        return f"policy {name!r}: name the class in this file, too: {name}:Class"
+    known = names("policy")
+    hint = did_you_mean(name, [*known, *trained_names()])
+    return (
+        f"unknown policy {name!r}{hint}; allowed: {', '.join(known)}, FILE.npz, "
+        '"package.module:Class" or FILE.py:Class'
+    )
 
 
 def _made(policy: type, name: str) -> Any:
@@ -295,7 +314,14 @@ def _checked(policy: Any, name: str) -> Policy:
     for method in ("begin", "act"):
         if not callable(getattr(policy, method, None)):
             raise PolicyError(f"policy {name!r}: it has no method {method!r}")
-    if not isinstance(getattr(policy, "ceiling", None), bool):
-        raise PolicyError(f"policy {name!r}: 'ceiling' must be True or False")
+    if not hasattr(policy, "ceiling"):
+        raise PolicyError(
+            f"policy {name!r}: it has no attribute 'ceiling'; write ceiling = True if its drones "
+            "fly no higher than the levels below the ceiling, else False"
+        )
+    if not isinstance(policy.ceiling, bool):
+        raise PolicyError(
+            f"policy {name!r}: 'ceiling' is {policy.ceiling!r}; it must be True or False"
+        )
     checked: Policy = policy
     return checked

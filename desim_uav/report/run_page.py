@@ -45,7 +45,7 @@ def _quality(run: Reported) -> Html:
     served = f"{found['completed']} of {found['requests']}"
     first = [
         ("QoE1", f"{number(found['qoe1_percent'], '.1f') or '-'} %"),
-        ("QoE2", f"{number(found['qoe2_iterations'], '.2f') or '-'} it."),
+        ("QoE2", f"{number(found['qoe2_iterations'], '.2f') or '-'} steps"),
         ("QoE3", f"{number(found['qoe3_percent'], '.1f') or '-'} %"),
         ("requests completed", served),
         ("crashes", str(found["crashes"])),

@@ -21,7 +21,7 @@ MEASURES = {
     "requests": ("requests", "d"),
     "qoe1_percent": ("QoE1\n%", ".1f"),
     "qoe1_feasible_percent": ("feasible\nQoE1 %", ".1f"),
-    "qoe2_iterations": ("QoE2\nit.", ".2f"),
+    "qoe2_iterations": ("QoE2\nsteps", ".2f"),
     "qoe3_percent": ("QoE3\n%", ".1f"),
     "qoe3_active_percent": ("active\nQoE3 %", ".1f"),
     "completed": ("comp-\nleted", "d"),
@@ -40,7 +40,7 @@ FORKED = {name: MEASURES[name] for name in ("qoe1_percent", "qoe2_iterations", "
 COMPARED = {
     "qoe1_percent": ("QoE1 %", ".2f"),
     "qoe1_feasible_percent": ("feasible QoE1 %", ".2f"),
-    "qoe2_iterations": ("QoE2 it.", ".3f"),
+    "qoe2_iterations": ("QoE2 steps", ".3f"),
     "qoe3_percent": ("QoE3 %", ".2f"),
     "qoe3_active_percent": ("active QoE3 %", ".2f"),
     "crashes_per_drone_episode": ("crashes/drone/ep.", ".4f"),
@@ -66,8 +66,8 @@ def print_table(table: Table) -> None:
 def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None:
     """Print the table at the end of a run: all requests, and requests by service."""
     rows = [{"service": "all"} | summary, *by_service]
-    title = "{scenario}, {policy}, seed {seed}: {episodes} episode(s), {crashes} crash(es)"
-    _print("service", rows, title.format(**summary))
+    title = "{scenario}, {policy}, seed {seed}{world}: {episodes} episode(s), {crashes} crash(es)"
+    _print("service", rows, title.format(**summary, world=in_world(summary)))
     if "link_handovers" in summary:
         tell(links_in_words(summary))
     if "conflicts" in summary:
@@ -75,6 +75,12 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     if "energy_wh" in summary:
         tell(energy_in_words(summary))
     tell(summary["run_dir"])
+
+
+def in_world(summary: dict[str, Any]) -> str:
+    """Return the world of a run, if it is not that of its seed."""
+    seed, world_seed = summary["seed"], summary.get("world_seed", summary["seed"])
+    return "" if seed == world_seed else f" in world {world_seed}"
 
 
 def print_fork(told: dict[str, Any]) -> None:

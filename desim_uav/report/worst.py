@@ -36,7 +36,7 @@ def request_table(chosen: Sequence[tuple[Reported, Any]], with_seed: bool) -> Ht
     headings = (
         *(("seed",) if with_seed else ()),
         *("episode", "request", "user", "service", "asked at", "wait, s", "requested, s"),
-        *("served, s", "QoE1\u00a0%", "QoE2\u00a0it.", "outcome"),
+        *("served, s", "QoE1\u00a0%", "QoE2\u00a0steps", "outcome"),
     )
     rows = (
         (

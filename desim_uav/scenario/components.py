@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import dis
 import inspect
 import os
 import typing
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 from uuid import uuid4
 
@@ -74,6 +76,11 @@ class Slot:
         if missing:
             raise ValueError(
                 f"{kind!r} cannot be used as {self.name}: it has no method {missing[0]!r}"
+            )
+        for method in _answering(found):
+            raise ValueError(
+                f"{kind!r} cannot be used as {self.name}: its method {method!r} returns a value, "
+                f"which nobody reads; it must write what it has worked out into its rows"
             )
         return found
 
@@ -446,6 +453,31 @@ def _file_parameters(found: type) -> tuple[str, ...]:
     hints = typing.get_type_hints(found)
     paths: tuple[Any, ...] = (Path, Path | None)
     return tuple(f.name for f in dataclasses.fields(found) if f.init and hints[f.name] in paths)
+
+
+def _answering(found: type) -> Iterator[str]:
+    """Yield the methods of a user's own class that return something where nothing is read."""
+    for name, method in vars(found).items():
+        if isinstance(method, FunctionType) and not found.__module__.startswith("desim_uav."):
+            base = next((vars(of)[name] for of in found.__mro__[1:] if name in vars(of)), None)
+            told = getattr(base, "__annotations__", {}).get("return", "")
+            if told in (None, "None") and returns_a_value(method):
+                yield name
+
+
+def returns_a_value(function: FunctionType) -> bool:
+    """Return whether a function returns something other than None; ``super()`` may do anything."""
+    if "super" in function.__code__.co_names:
+        return False
+    before = None
+    for step in dis.get_instructions(function):
+        if step.opname == "RETURN_CONST" and step.argval is not None:
+            return True
+        nothing = before is not None and (before.opname, before.argval) == ("LOAD_CONST", None)
+        if step.opname == "RETURN_VALUE" and not nothing:
+            return True
+        before = step
+    return False
 
 
 def _is_interface(protocol: Any) -> bool:

@@ -6,6 +6,7 @@ import copy
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any, NamedTuple
@@ -69,10 +70,10 @@ class Draft:
         """Note a problem of the value at ``path``, or of its key.
 
         If no value was given at ``path``, the problem is reported at the first path of ``also``
-        that has one.
+        that has one. A problem of several values is that of the override which set one of them.
         """
         given = [p for p in (path, *also) if self.has(p)]
-        where = given[0] if given else path
+        where = next((p for p in given if self._origin(p)), given[0] if given else path)
         subject = ".".join(shortened(str(part)) for part in path)
         if self.has(path) and not key:
             subject += f": {shown(self.get(path))}"
@@ -172,7 +173,10 @@ class Draft:
         return value, True
 
     def _origin(self, path: KeyPath) -> Origin | None:
-        return next((self.origins[p] for p in _upwards(path) if p in self.origins), None)
+        """Return the override that set the value at ``path``, or else a part of it."""
+        above = (self.origins[p] for p in _upwards(path) if p in self.origins)
+        beneath = (one for p, one in self.origins.items() if path and p[: len(path)] == path)
+        return next(above, None) or next(beneath, None)
 
     def _mark(self, path: KeyPath, key: bool) -> Mark | None:
         if key and path in self.keys:
@@ -225,6 +229,29 @@ def override_path(text: str) -> KeyPath:
 def named_override(text: str) -> str:
     """Return what a message calls an override, whether the command line or Python gave it."""
     return f"override {shortened(text)}"
+
+
+def blamed(problem: str, overrides: Sequence[str]) -> str | None:
+    """Return the override that a problem is of, if it is of a key that an override set.
+
+    ``problem`` begins with the key, such as ``users.clusters.radius_m: …``.
+    """
+    key = tuple(problem.partition(":")[0].split("."))
+    return next((text for text in overrides if _related(override_path(text), key)), None)
+
+
+@contextmanager
+def blaming(path: PurePath | None, overrides: Sequence[str] = ()) -> Iterator[None]:
+    """Name the override or the file in problems that are found only in drawing a world."""
+    try:
+        yield
+    except ScenarioError as error:
+        problems = []
+        for problem in error.problems:
+            text = blamed(problem, overrides)
+            source = path if text is None else named_override(text)
+            problems.append(problem if source is None else f"{source}: {problem}")
+        raise ScenarioError(*problems) from error
 
 
 def _problem_of(value: Any) -> str:

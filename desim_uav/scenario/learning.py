@@ -16,9 +16,10 @@ ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
 
 def _algorithm(name: str) -> str:
     if name not in ALGORITHMS and not re.fullmatch(r"[\w.]+:\w+", name):
+        ppo = "; PPO is trained by policies/ppo.py of the checkout" if "ppo" in name.lower() else ""
         raise ValueError(
             f"unknown algorithm{registry.did_you_mean(name, ALGORITHMS)}; "
-            f'allowed: {", ".join(ALGORITHMS)}, or "package.module:Class"'
+            f'allowed: {", ".join(ALGORITHMS)}, or "package.module:Class"{ppo}'
         )
     return name
 

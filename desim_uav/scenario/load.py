@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from desim_uav.errors import ScenarioError
+from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.model.traces import MAX_BYTES as MAX_TABLE_BYTES
 from desim_uav.registry import resolve
 from desim_uav.regular_file import content_of
@@ -53,7 +53,13 @@ def override_texts(overrides: Overrides) -> list[str]:
     """Return overrides in the command line's form. Raises ScenarioError for unsuitable values."""
     if isinstance(overrides, Mapping):
         return [f"{key}={_as_yaml(key, value)}" for key, value in overrides.items()]
-    return list(overrides)
+    texts = [overrides] if isinstance(overrides, str) else overrides
+    if not isinstance(texts, Iterable) or not all(isinstance(text, str) for text in texts):
+        raise UsageError(
+            f"overrides: {overrides!r}: must be a mapping such as {{'users.count': 60}}, or a list "
+            "of texts such as ['users.count=60']"
+        )
+    return list(texts)
 
 
 def _as_yaml(key: str, value: Any) -> str:

@@ -54,11 +54,13 @@ class SweepFolder:
         with held(self.out):
             yield
 
-    def open(self, given: Given, todo: Sequence[Job], resume: bool, command: list[str]) -> None:
+    def open(self, given: Given, todo: Sequence[Job], resume: bool, command: list[str]) -> bool:
         """Make the folder for these jobs, or check that it belongs to them.
 
         ``given`` is the scenario. A sweep can be continued with more jobs, but must keep all
-        that it has. Raises UsageError if the folder cannot be used, and PolicyError if it belongs
+        that it has. Returns whether the folder held a sweep.
+
+        Raises UsageError if the folder cannot be used, and PolicyError if it belongs
         to another sweep.
         """
         plan = self._plan(given, todo)
@@ -76,6 +78,7 @@ class SweepFolder:
             write_whole(self.out / MANIFEST, (content + "\n").encode())
             for name in (RESULTS, TABLES):
                 (self.out / name).mkdir(exist_ok=True)
+            return begun
         except OSError as error:
             raise UsageError(f"--out {self.out}: {error.strerror or error}") from error
 

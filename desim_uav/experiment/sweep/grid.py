@@ -110,10 +110,12 @@ def combinations(swept: Sequence[Axis]) -> Iterator[Combination]:
 def _overrides(values: Overrides) -> Iterator[str]:
     """Yield the values of each key as the command line has them."""
     if not isinstance(values, Mapping):
-        yield from values
+        yield from override_texts(values)
         return
     for key, each in values.items():
-        several = each if _is_several(each) else [each]
+        several = list(each) if _is_several(each) else [each]
+        if not several:
+            raise UsageError(f"{named_override(str(key))}: there is no value to sweep")
         texts = (override_texts({key: value})[0] for value in several)
         yield f"{key}=" + ",".join(text.partition("=")[2] for text in texts)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from desim_uav.engine.choose import check_engine, engine_for
-from desim_uav.errors import PolicyError, UsageError, located
+from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.compare import begin_once, out_of_place, policy_names
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.sweep.grid import Axis, Combination, combinations
@@ -22,7 +22,7 @@ from desim_uav.policies.base import file_of, parts
 from desim_uav.registry import names
 from desim_uav.regular_file import content_of
 from desim_uav.scenario.components import code_of
-from desim_uav.scenario.draft import named_override
+from desim_uav.scenario.draft import blaming, named_override
 from desim_uav.scenario.load import (
     Overrides,
     dump,
@@ -53,11 +53,9 @@ class Given:
             return from_mapping(plain, source=source, overrides=settings)
         return from_mapping(self.scenario, overrides=settings)
 
-    @contextmanager
-    def located(self) -> Iterator[None]:
-        """Name the file in problems that are found only in drawing a world."""
-        with located(self.scenario) if isinstance(self.scenario, Path) else nullcontext():
-            yield
+    def located(self, settings: Sequence[str]) -> AbstractContextManager[None]:
+        """Name the override or the file in problems that are found only in drawing a world."""
+        return blaming(self.scenario if isinstance(self.scenario, Path) else None, settings)
 
     def about(self) -> dict[str, Any]:
         """Return the file, if there is one, and the digest of the content, for the manifest."""
@@ -217,7 +215,7 @@ def _prepared(
     Raises ScenarioError with the file's name.
     """
     scenario = at_once(asked.given.load, settings)
-    with asked.given.located():
+    with asked.given.located(settings):
         drawn = scenario.model_copy(update={"seed": asked.seeds[0]})
         world = at_once(build_world, drawn, drawn.effective_world_seed)
         engine = asked.engine or engine_for(world, reasons.setdefault)

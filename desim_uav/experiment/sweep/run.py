@@ -46,6 +46,11 @@ def sweep_to_folder(
     """
     _check_backend(backend, address)
     swept = axes(asked.values)
+    if all(len(axis.values) == 1 for axis in swept):
+        say(
+            "no key has several values, so nothing is swept: the policies are run in one scenario "
+            "(-S KEY=V,W gives a key several values)"
+        )
     tried = arms(asked, swept, say)
     todo = jobs(asked, tried)
     for warning in warnings(tried, asked.seeds):
@@ -53,8 +58,10 @@ def sweep_to_folder(
     folder = SweepFolder(out, swept, measured(todo))
     failures, interrupted = list[Failure](), False
     with _backend(backend, workers, address, not show_progress) as run, folder.held():
-        folder.open(asked.given, todo, resume, list(command))
+        begun = folder.open(asked.given, todo, resume, list(command))
         finished = folder.rows(todo)
+        if resume and not begun:
+            say(f"--resume: {out} holds no sweep, so there is nothing to resume: it begins anew")
         if finished:
             say(f"{len(finished)} of {len(todo)} jobs had ended before")
         left = [job for job in todo if job.id not in finished]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 SHOWN_FAILURES = 10
 SHOWN = {
     "qoe1_percent": ("QoE1 %", ".1f"),
-    "qoe2_iterations": ("QoE2 it.", ".2f"),
+    "qoe2_iterations": ("QoE2 steps", ".2f"),
     "qoe3_percent": ("QoE3 %", ".1f"),
     "crashes_per_drone_episode": ("crashes/drone/ep.", ".3f"),
     "reward_mean": ("reward", ".2f"),

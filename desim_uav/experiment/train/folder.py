@@ -23,6 +23,7 @@ from desim_uav.experiment.train.course import (
 )
 from desim_uav.learning import checkpoint
 from desim_uav.learning.training import Training
+from desim_uav.notices import notice
 from desim_uav.records import TRAINING, to_frame
 from desim_uav.run_folder import Place, held, parquet, world_content, write_whole
 from desim_uav.scenario.load import dump, scenario_hash
@@ -110,7 +111,11 @@ def _resumable(scenario: Scenario, out: Path | None) -> Path:
     trainings come before finished ones. Raises UsageError if ``out`` holds something else.
     """
     if out is not None:
-        return out if _is_begun(out) else _new(scenario, out)
+        if _is_begun(out):
+            return out
+        folder = _new(scenario, out)
+        notice(f"--resume: {out} holds no training, so there is nothing to resume: it begins anew")
+        return folder
     mine = [folder for folder in _place(scenario, None).taken() if _is_of(scenario, folder)]
     mine.sort(key=lambda folder: not (folder / MANIFEST).exists())
     return mine[-1] if mine else _new(scenario, None)
