@@ -189,7 +189,8 @@ def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
                 outside[name] = space[name]
     for name, value in outside.items():
         if _has_values(value):
-            yield from _in_module(code, name, value)
+            ours = str(function.__module__).startswith(OURS)
+            yield from (_in_module_of_ours if ours else _in_module)(code, name, value)
         else:
             yield name, value
 
@@ -209,6 +210,19 @@ def _in_module(code: CodeType, name: str, module: ModuleType) -> Iterator[tuple[
             while _has_values(value) and dots < len(loaded):
                 value, dots = getattr(value, loaded[dots], None), dots + 1
             yield ".".join(loaded[:dots]), value
+
+
+def _in_module_of_ours(code: CodeType, name: str, module: ModuleType) -> Iterator[tuple[str, Any]]:
+    """Yield at least what a function of this package uses of a module.
+
+    This takes less time than ``_in_module``. Code of ours uses modules for their attributes only.
+    """
+    for attribute in _names(code):
+        value = vars(module).get(attribute)
+        if _has_values(value):
+            yield from _in_module_of_ours(code, f"{name}.{attribute}", cast(ModuleType, value))
+        elif attribute in vars(module):
+            yield f"{name}.{attribute}", value
 
 
 def _has_values(value: Any) -> bool:
