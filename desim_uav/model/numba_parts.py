@@ -18,7 +18,7 @@ from numba.core import types as _types
 from numba.core.typing import templates as _templates
 from numba.np import arrayobj as _arrayobj
 
-from desim_uav.model.bounds import NOTE, OutsideError, Place, own_class
+from desim_uav.model.bounds import NOTE, NOTE_AT, OutsideError, Place, own_class
 
 types: Any = _types
 cgutils: Any = _cgutils
@@ -62,7 +62,7 @@ def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
     return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
 
 
-llvmlite.binding.add_symbol(*NOTE)
+llvmlite.binding.add_symbol(NOTE, NOTE_AT)
 
 
 def fail_outside(
@@ -70,7 +70,7 @@ def fail_outside(
 ) -> None:
     """End a function by OutsideError, whose arguments these are."""
     kind = ir.FunctionType(ir.VoidType(), [one.type for one in met])
-    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE[0]), met)
+    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE), met)
     context.call_conv.return_user_exc(builder, OutsideError, (owner, of, place))
 
 
