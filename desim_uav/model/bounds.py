@@ -36,8 +36,8 @@ _met = threading.local()
 class OutsideError(SimulationError, IndexError):
     """An index is outside the bounds of a table, a queue or an array.
 
-    ``owner`` is the name of the component in which that happened, or empty; ``of`` says of what the
-    bounds are. Compiled code leaves out ``met``, the index and the length, which it has noted
+    ``owner`` is the name of the component in which that happened, or empty; ``of`` says of what
+    the bounds are. Compiled code leaves out ``met``, the index and the length, which it has noted
     before (see ``NOTE``).
     """
 
@@ -62,8 +62,10 @@ def _note(index: int, length: int) -> None:
 
 _noted = CFUNCTYPE(None, c_int64, c_int64)(_note)
 
-NOTE, NOTED = "desim_uav_note_outside", cast(_noted, c_void_p).value
-"""The name and the address of the function with which compiled code notes an index and a length."""
+NOTE, NOTE_AT = "desim_uav_note_outside", cast(_noted, c_void_p).value
+"""The name and the address of the function with which compiled code notes an index and a length.
+
+Compiled code knows it by its name, for the address is another one in each process."""
 
 
 def is_own(module: str) -> bool:

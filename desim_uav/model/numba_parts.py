@@ -23,7 +23,7 @@ from numba.core.imputils import Registry
 from numba.core.typing import templates as _templates
 from numba.np import arrayobj as _arrayobj
 
-from desim_uav.model.bounds import NOTE, NOTED, OutsideError, Place, own_class
+from desim_uav.model.bounds import NOTE, NOTE_AT, OutsideError, Place, own_class
 
 types: Any = _types
 cgutils: Any = _cgutils
@@ -106,7 +106,7 @@ def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
     return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
 
 
-llvmlite.binding.add_symbol(NOTE, NOTED)
+llvmlite.binding.add_symbol(NOTE, NOTE_AT)
 
 
 def fail_outside(
