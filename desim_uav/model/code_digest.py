@@ -52,7 +52,7 @@ def code_digest(function: FunctionType, placed: bool = False) -> str:
         texts += _reach(found, _functions_of(*compiling))
     texts += map(layout_of, rows)
     if placed:
-        texts += [_lines(one.__code__) for one in found]
+        texts += [f"{number}: {_lines(one.__code__)}" for one, number in found.items()]
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
