@@ -225,7 +225,7 @@ class TestPrinted:
             }
 
     def test_quiet(self, swept):
-        ended = swept("--seeds", 1, "-q")
+        ended = swept("-S", "episode.steps=2,3", "--seeds", 1, "-q")
         assert (ended.code, ended.out, ended.err) == (0, "", "")
 
     def test_the_manifest(self, swept):
