@@ -555,7 +555,7 @@ class TestRunRefused:
         ("policy", "part"),
         [
             ("plugged:Broken", "'plugged:Broken' failed in episode 2, step 3: KeyError: 'boom'"),
-            ("plugged:NoNumber", "failed in episode 0, step 0: ValueError"),
+            ("plugged:NoNumber", "in episode 0, step 0: it returned 'left' for drone 0"),
         ],
     )
     def test_a_policy_that_fails(self, cli_run, policy, part):
