@@ -16,6 +16,7 @@ true ones make drones prefer the shortest flights until they have tried them in 
 """
 
 import argparse
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,8 +34,10 @@ FIRST_SEED, EVALUATED = 201, 20
 GAMMA, EPSILON = 0.8, 0.3
 CAPACITY_WH = 100.0  # with which a hover lasts for 36 minutes; an episode has 30
 CELL_M, STEP_S, TOP_MPS = 240.0, 60.0, 18.3
-FILLS_STEP_MPS = 4.068986030484496  # that of fill_epoch
-SPEEDS = (FILLS_STEP_MPS, 5.0, 6.0, 8.3, 10.2, 12.0, 14.0, 18.3, 22.0)
+FILLING_MPS = 0.5 * (4.0 * STEP_S - math.sqrt((4.0 * STEP_S) ** 2 - 16.0 * CELL_M))
+"""The cruise speed of `fill_epoch`, at an acceleration of 4 m/s²."""
+
+SPEEDS = (FILLING_MPS, 5.0, 6.0, 8.3, 10.2, 12.0, 14.0, 18.3, 22.0)
 MOTIONS = {
     "fill_epoch": {"timing": "fill_epoch"},
     "8.3 m/s": {"cruise": [8.3]},
@@ -97,8 +100,13 @@ def hop(speed_mps):
     flight_s, used = flight.duration_us / 1e6, battery.drains(flight, flight.duration_us) / 1e6
     rest = battery.drains(REST, round(STEP_S * 1e6) - flight.duration_us) / 1e6
     return (
-        *(f"{speed_mps:.3g} m/s", f"{flight_s:.1f} s", f"{used:,.0f} J"),
-        *(f"{used / CELL_M:.2f} J/m", f"{used / flight_s:.1f} W", f"{used + rest:,.0f} J"),
+        *(
+            f"{speed_mps:.3g} m/s",
+            f"{flight_s:.1f} s",
+            f"{used:,.0f} J",
+            f"{used / CELL_M:.2f} J/m",
+        ),
+        *(f"{used / flight_s:.1f} W", f"{used + rest:,.0f} J"),
     )
 
 

@@ -53,7 +53,7 @@ class Draft:
             writers: dict[str, pq.ParquetWriter] = {}
 
             def write(name: str, frame: pd.DataFrame) -> None:
-                rows = _table(name, frame)
+                rows = as_arrow(name, frame)
                 if name not in writers:
                     file = files.enter_context(self._new_file(f"{name}.parquet"))
                     writers[name] = files.enter_context(_writer(file, rows.schema))
@@ -228,12 +228,44 @@ class Place:
                 number += 1
 
 
+class Replaced(Place):
+    """The place of a run folder that its continuation replaces; other files in it are kept."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raise UsageError if the folder cannot be replaced."""
+        try:
+            self.target = _followed(folder)
+            if self.target == Path.cwd() or self.target.is_mount():
+                raise UsageError(f"{folder}: this folder cannot be replaced")
+        except OSError as error:
+            raise UsageError(f"{folder}: {error.strerror or error}") from error
+        self.out, self.parent, self.name = folder, self.target.parent, self.target.name
+
+    def _moved(self, draft: Draft, candidate: Path) -> bool:
+        """Put a draft in the place of the old folder, which stays if that fails."""
+        old = self.parent / f".replaced-{uuid.uuid4().hex}"
+        try:
+            candidate.rename(old)
+            try:
+                draft.path.rename(candidate)
+            except OSError:
+                old.rename(candidate)
+                raise
+            for other in old.iterdir():
+                if not os.path.lexists(candidate / other.name):
+                    other.rename(candidate / other.name)
+        except OSError as error:
+            raise UsageError(f"cannot write to {candidate}: {error.strerror}") from error
+        shutil.rmtree(old, ignore_errors=True)
+        return True
+
+
 def parquet(name: str, frame: pd.DataFrame) -> bytes:
     """Return one of ``TABLES`` as the bytes of a Parquet file."""
     import pyarrow as pa
 
     file = pa.BufferOutputStream()
-    rows = _table(name, frame)
+    rows = as_arrow(name, frame)
     with _writer(file, rows.schema) as writer:
         writer.write_table(rows)
     return bytes(file.getvalue())
@@ -246,7 +278,7 @@ def _writer(file: Any, schema: pa.Schema) -> pq.ParquetWriter:
     return pq.ParquetWriter(file, schema, write_page_checksum=True)
 
 
-def _table(name: str, frame: pd.DataFrame) -> pa.Table:
+def as_arrow(name: str, frame: pd.DataFrame) -> pa.Table:
     """Return a frame as an Arrow table, with the metadata that pandas needs."""
     import pyarrow as pa
 
@@ -312,13 +344,18 @@ def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.
                 problem = misfit(columns, table)
                 if problem is not None:
                     raise PolicyError(f"{file}: {problem}")
-                yield _frame(table, columns)
+                yield as_frame(table, columns)
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise PolicyError(f"{file}: not a readable Parquet file: {reason}") from error
 
 
-def _frame(table: pa.Table, columns: dict[str, str]) -> pd.DataFrame:
+def as_written(name: str, frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a frame of one of ``TABLES`` as it is after it was written and read."""
+    return as_frame(as_arrow(name, frame), TABLES[name])
+
+
+def as_frame(table: pa.Table, columns: dict[str, str]) -> pd.DataFrame:
     """Return a frame; the file's own metadata for pandas, which has no checksum, is ignored."""
     import pandas as pd
 

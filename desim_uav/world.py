@@ -269,7 +269,7 @@ class World(Unchanging):
         demand: Any = self.scenario.demand
         if not works_on_rows(demand, RowDemand):
             return None
-        return RowDraws(demand, self.services, self.horizon_us)
+        return RowDraws(demand, self.services, self.horizon_us, self.scenario.most_bps)
 
     @cached_property
     def _homes_on_map(self) -> NDArray[np.float64]:

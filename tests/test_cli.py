@@ -627,7 +627,7 @@ class TestInterrupted:
         assert ended.code == 130
         assert ended.message == (
             "desim-uav: interrupted; the finished episodes are kept: "
-            "runs/tiny-plugged-Interrupted-s1"
+            "runs/tiny-plugged-Interrupted-s1 (--resume goes on)"
         )
         assert ended.json["episodes"] == 3
         folder = Path(ended.json["run_dir"])

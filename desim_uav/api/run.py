@@ -16,6 +16,7 @@ from desim_uav.api.kept import InFolder, InMemory, Kept, Tables, default_place
 from desim_uav.api.replay import Page, Replay
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import command
+from desim_uav.experiment import resume as resuming
 from desim_uav.experiment.progress import progress as shown
 from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.replay.page import make_replay
@@ -24,7 +25,7 @@ from desim_uav.policies.base import PolicyLike
 from desim_uav.registry import did_you_mean
 from desim_uav.report import notebook
 from desim_uav.report.text import MEASURES
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import Place, Replaced
 from desim_uav.scenario.load import Overrides
 from desim_uav.scenario.schema import Scenario
 
@@ -389,6 +390,7 @@ def run(
     events: bool = False,
     out: str | Path | bool | None = None,
     engine: str = "des",
+    resume: bool = False,
     progress: bool = True,
 ) -> RunResult:
     """Run a policy in a scenario; the result holds its tables and its quality of experience.
@@ -414,11 +416,14 @@ def run(
             ``seeds``, a folder per seed is made in it. True: the folder that the command line
             would choose.
         engine: ``"des"`` (SimPy) or ``"batch"`` (compiled): their numbers are the same.
+        resume: Continue the run in ``out`` that was interrupted or had fewer episodes; its tables
+            are then those of an uninterrupted run, bit for bit. True for ``out`` means the last
+            interrupted run of this name. With ``seeds``, seeds that had not begun are begun.
         progress: Show the progress, on a terminal or in a notebook.
 
     Raises:
         DesimError: one of its subclasses says what is wrong with the scenario, the policy or an
-            option, before anything is run.
+            option, or that a run cannot be continued, before anything is run.
         Interrupted: Ctrl-C. Its ``result`` holds what had ended before.
     """
     given = locals()
@@ -431,7 +436,7 @@ def run(
     scenarios = [found.scenario.model_copy(update={"seed": one}) for one in drawn]
     with found.located():
         first = command.prepare(scenarios[0], policy, engine, events)
-    places = [_place(one, policy, out, seeds is not None) for one in scenarios]
+    places = [_place(one, policy, out, seeds is not None, resume) for one in scenarios]
     for notice in filter(None, [first.notice or _apart(first, scenarios)]):
         arguments.warn(notice)
     how = command.How(episodes, warmup, events, engine, arguments.command_of(run, given))
@@ -472,9 +477,18 @@ def _apart(first: command.Prepared, scenarios: Sequence[Scenario]) -> str:
 
 
 def _run_one(
-    prepared: command.Prepared, how: command.How, place: Place | None, advance: Callable[[], None]
+    prepared: command.Prepared,
+    how: command.How,
+    place: Place | Path | None,
+    advance: Callable[[], None],
 ) -> Kept:
-    """Run on one seed, in memory or into a folder."""
+    """Run on one seed, in memory or into a folder; or continue the run in a folder, a Path."""
+    if isinstance(place, Path):
+        begun = resuming.begun(prepared, how, place)
+        if begun.done == how.episodes:
+            return InFolder(place)
+        done = command.write_run(prepared, how, Replaced(place), advance, begun)
+        return InFolder(Path(done.summary["run_dir"]), done)
     if place is not None:
         done = command.write_run(prepared, how, place, advance)
         return InFolder(Path(done.summary["run_dir"]), done)
@@ -483,16 +497,29 @@ def _run_one(
 
 
 def _place(
-    scenario: Scenario, policy: PolicyLike, out: str | Path | bool | None, several: bool
-) -> Place | None:
-    """Return where the run of a scenario's seed stands, if in a folder. Raises UsageError."""
+    scenario: Scenario,
+    policy: PolicyLike,
+    out: str | Path | bool | None,
+    several: bool,
+    resume: bool,
+) -> Place | Path | None:
+    """Return where the run of a scenario's seed stands, if in a folder; a Path if it is continued.
+
+    Raises UsageError if no folder can be made there, or if there is no run to be continued.
+    """
     if out is None or out is False:
+        if resume:
+            raise UsageError("resume: there is nothing to continue without out, the run's folder")
         return None
     if out is True:
-        return command.place_of(scenario, policy, None)
-    return command.place_of(
-        scenario, policy, Path(out) / f"s{scenario.seed}" if several else Path(out)
-    )
+        place = command.place_of(scenario, policy, None)
+        return resuming.unfinished(place) if resume and not several else place
+    folder = Path(out) / f"s{scenario.seed}" if several else Path(out)
+    if resume and folder.is_dir() and any(folder.iterdir()):
+        return folder
+    if resume and not several:
+        raise UsageError(f"--out {out}: there is no run to be continued with --resume")
+    return command.place_of(scenario, policy, folder)
 
 
 def _interrupted(kept: Sequence[Kept], seeds: int) -> Interrupted:

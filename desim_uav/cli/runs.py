@@ -70,6 +70,15 @@ def run(
             rich_help_panel=options.OUTPUT,
         ),
     ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Continue the interrupted run in --out, or the last one of this name in runs/. "
+            "The result is that of an uninterrupted run.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = False,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -82,6 +91,8 @@ def run(
     import desim_uav as du
 
     if fork is not None or to is not None:
+        if resume:
+            raise UsageError("--resume: a run with --fork cannot be continued")
         how: dict[str, Any] = {
             "seed": seed,
             "world_seed": world_seed,
@@ -103,6 +114,7 @@ def run(
             events=events,
             out=True if out is None else out,
             engine=engine,
+            resume=resume,
             progress=not quiet,
         )
         interrupted = False
@@ -119,7 +131,8 @@ def run(
 
         print_run(summary, by_service)
     if interrupted:
-        complain(f"interrupted; the finished episodes are kept: {summary['run_dir']}")
+        kept = f"interrupted; the finished episodes are kept: {summary['run_dir']}"
+        complain(f"{kept} (--resume goes on)")
         raise typer.Exit(130)
 
 

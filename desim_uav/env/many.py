@@ -28,6 +28,7 @@ from desim_uav.env.room import require_room
 from desim_uav.env.saving_vector import VectorSaving
 from desim_uav.env.session import out_of_range
 from desim_uav.env.tasks import Tasks
+from desim_uav.errors import SimulationError
 from desim_uav.sample_path import draw_all
 
 Flags = NDArray[np.bool_]
@@ -236,17 +237,34 @@ class Many(VectorSaving, Independent):
         return [partial(kernel, rows[one], argument[one], which[one]) for one in self._shares]
 
     def _do(self, tasks: Iterable[Task], which: Flags) -> None:
-        """Do tasks of the environments ``which`` in all threads; repeat what ran out of room."""
+        """Do tasks of the environments ``which`` in all threads; repeat what ran out of room.
+
+        Raises SimulationError if a component of one's own has failed in an environment.
+        """
         left = deque(tasks)
         others = [self._pool.submit(work_off, left) for _ in range(self.threads - 1)]
         try:
             stopped = work_off(left)
+        except SimulationError as fault:
+            left.clear()
+            raise self._named(fault, which) from fault
         finally:
             if others:
                 wait(others)
-        if stopped + sum([other.result() for other in others]):
-            for k in np.flatnonzero(self.outputs.over[:, 2] & which).tolist():
+        try:
+            stopped += sum([other.result() for other in others])
+        except SimulationError as fault:
+            raise self._named(fault, which) from fault
+        for k in np.flatnonzero(self.outputs.over[:, 2] & which).tolist() if stopped else ():
+            try:
                 self.sessions[k].go_on()
+            except SimulationError as fault:
+                raise _of_one(k, fault) from fault
+
+    def _named(self, fault: SimulationError, which: Flags) -> SimulationError:
+        """Return a fault that has ended a task with the environment in which it was met."""
+        stopped = np.flatnonzero(self.outputs.over[:, 2] & which).tolist()
+        return _of_one(stopped[0], fault) if stopped else fault
 
     # ---- pictures
 
@@ -292,6 +310,11 @@ def work_off(left: deque[Task]) -> int:
             break
         stopped += task()
     return stopped
+
+
+def _of_one(k: int, fault: SimulationError) -> SimulationError:
+    """Return a fault of environment k with its number."""
+    return SimulationError(f"environment {k}: {fault}")
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:

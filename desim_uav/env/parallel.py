@@ -70,6 +70,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         "human" without a display.
         """
         self.session = session_of(engine, tasks_of(scenario, config, world_seed, curriculum))
+        self.guard = self.session.guard
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
         self.possible_agents = [f"drone_{d}" for d in range(self.session.drones)]

@@ -56,11 +56,7 @@ class Saving:
     """The methods of an environment with one session that save, restore and fork it."""
 
     session: Session
-
-    @property
-    def guard(self) -> OneThread:
-        """What refuses a second thread."""
-        return self.session.guard
+    guard: OneThread
 
     def _shown(self) -> Any:
         """Return what a reset returns, for the present decision epoch."""

@@ -69,6 +69,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         if ``render_mode`` is unknown, or "human" without a display.
         """
         self.session = session_of(engine, tasks_of(scenario, config, world_seed, curriculum))
+        self.guard = self.session.guard
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
         self.drones = self.session.drones

@@ -17,6 +17,7 @@ from desim_uav.errors import PolicyError
 from desim_uav.experiment import run
 from desim_uav.experiment.interrupt import asked_to_stop, at_once, interruptible
 from desim_uav.experiment.provenance import clock, versions
+from desim_uav.experiment.resume import Begun, Rest
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
 from desim_uav.records import EPISODES, REQUESTS, to_frame
@@ -154,16 +155,21 @@ def run_to_folder(
 
 
 def write_run(
-    prepared: Prepared, how: How, place: Place, advance: Callable[[], None] = lambda: None
+    prepared: Prepared,
+    how: How,
+    place: Place,
+    advance: Callable[[], None] = lambda: None,
+    begun: Begun | None = None,
 ) -> Done:
     """Run a policy and write the tables into the run folder while it runs.
 
-    Raises KeyboardInterrupt, and writes nothing, if Ctrl-C is pressed before the first counted
-    episode has ended.
+    ``begun``: the run of which this is the continuation (see ``resume``). Raises
+    KeyboardInterrupt, and writes nothing, if Ctrl-C is pressed before the first counted episode has
+    ended.
     """
     with place.draft() as draft:
         with draft.tables() as write:
-            recorded = record(prepared, how, write, advance)
+            recorded = record(prepared, how, write, advance, begun)
         recorded.write(draft)
         run_dir = place.publish(draft)
     return Done(
@@ -172,7 +178,11 @@ def write_run(
 
 
 def record(
-    prepared: Prepared, how: How, write: Write, advance: Callable[[], None] = lambda: None
+    prepared: Prepared,
+    how: How,
+    write: Write,
+    advance: Callable[[], None] = lambda: None,
+    begun: Begun | None = None,
 ) -> Recorded:
     """Run a policy; ``write`` is called with the tables of episodes when they have ended.
 
@@ -187,8 +197,16 @@ def record(
         how.warmup,
         how.keep_events,
         how.engine,
+        None if begun is None else begun.first,
     )
-    return record_episodes(prepared, how, episodes, write, advance)
+    if begun is None:
+        return record_episodes(prepared, how, episodes, write, advance)
+    for _ in range(-how.warmup, begun.first):
+        advance()
+    missing = begun.missing(prepared, episodes, how.keep_events, advance)
+    recorded = record_episodes(prepared, how, missing, write, advance, begun)
+    recorded.manifest["resumed_at"] = begun.done
+    return recorded
 
 
 def record_episodes(
@@ -197,12 +215,16 @@ def record_episodes(
     episodes: Iterable[run.Played],
     write: Write,
     advance: Callable[[], None] = lambda: None,
+    begun: Begun | None = None,
 ) -> Recorded:
-    """Record the episodes of a policy as ``record`` does, whoever plays them."""
+    """Record the episodes of a policy as ``record`` does, whoever plays them.
+
+    ``begun``: the run that these episodes continue.
+    """
     world, policy, seed = prepared.world, prepared.policy, prepared.scenario.seed
     now = clock()
     started = now()
-    tally, by_service = _write_tables(world, episodes, how.keep_events, write, advance)
+    tally, by_service = _write_tables(world, episodes, how.keep_events, write, advance, begun)
     if not tally.episodes:
         raise KeyboardInterrupt
     settings = run.run_settings(world, policy, how.keep_events)
@@ -234,6 +256,7 @@ def _write_tables(
     keep_events: bool,
     write: Write,
     advance: Callable[[], None],
+    begun: Begun | None,
 ) -> tuple[run.Tally, qoe.Groups]:
     """Write the tables of episodes when they have ended, with one batch in memory at a time.
 
@@ -241,12 +264,21 @@ def _write_tables(
     ends the run after the current episode.
     """
     tally, by_service = run.Tally(), qoe.Groups("service")
+    rest = Rest() if begun is None else begun.rest()
+    for name, part in () if begun is None else begun.parts():
+        write(name, part)
+        if name == "requests":
+            tally.add(part, to_frame(EPISODES, []))
+            by_service.add(run.counted(part))
+        elif name == "episodes":
+            tally.add(to_frame(REQUESTS, []), part)
     played: list[run.Played] = []
     with asked_to_stop("this episode") as stop:
 
         def put_down() -> None:
             with stop.undisturbed():
                 results = run.tabulate(world, played, keep_events)
+                rest.join(results)
                 for name, frame in vars(results).items():
                     if frame is not None:
                         write(name, frame)
@@ -258,12 +290,12 @@ def _write_tables(
             for episode in interruptible(episodes):
                 played.append(episode)
                 advance()
-                if run.is_batch(played):
+                if run.is_batch(played, rest.size):
                     put_down()
                 if stop():
                     break
         with suppress(KeyboardInterrupt):  # a further one is raised when everything is written
-            if played:
+            if played or rest.frames:
                 put_down()
     return tally, by_service
 

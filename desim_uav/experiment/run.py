@@ -88,11 +88,15 @@ def play(
     warmup: int = 0,
     keep_events: bool = False,
     engine: str = "des",
+    first: int | None = None,
 ) -> Generator[Played]:
-    """Yield the log and the sample path of each episode of a run when it has ended."""
+    """Yield the log and the sample path of each episode of a run when it has ended.
+
+    ``first`` is the number of the first episode, by default that of the first of ``warmup``.
+    """
     settings = run_settings(world, policy, keep_events)
     simulation = make_engine(engine, world, settings)
-    for episode in range(-warmup, episodes):
+    for episode in range(-warmup if first is None else first, episodes):
         with naming_plug_ins():
             path = draw(world, seed, episode)
             carried = settings.carry_over and simulation.truncated and not simulation.terminated
@@ -219,12 +223,15 @@ def _blame(policy_name: str, episode: int, step: int | None = None) -> Iterator[
         ) from error
 
 
-def is_batch(played: Sequence[Played]) -> bool:
-    """Return whether it is time to put these episodes into tables."""
-    rows = sum(
+def is_batch(played: Sequence[Played], before: tuple[int, int] = (0, 0)) -> bool:
+    """Return whether it is time to put these episodes into tables.
+
+    ``before``: how many episodes, and rows, are already in the batch.
+    """
+    rows = before[1] + sum(
         len(log.requests) + len(log.events or ()) + len(path.walks.legs) for log, path in played
     )
-    return len(played) == BATCH or rows >= ROWS
+    return before[0] + len(played) == BATCH or rows >= ROWS
 
 
 def tabulate(world: World, played: Sequence[Played], keep_events: bool) -> Results:

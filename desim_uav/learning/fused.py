@@ -17,6 +17,7 @@ from desim_uav.engine.compiled.calls import constants_at, path_at, state_at
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.learning import learner
 from desim_uav.learning.rows import Episode, Lesson, Values
+from desim_uav.model.bounds import owner_of
 from desim_uav.model.compiled_rows import address_of, call, pointer_to
 from desim_uav.model.components import own_kernel, ruled
 from desim_uav.model.kernels import kernel, rule, stands_in_for
@@ -128,4 +129,5 @@ def compiled_update(algorithm: Any) -> int:
     def updated(q: Any, lesson: Any) -> None:
         update(q, lesson)
 
-    return address_of(own_kernel(updated, algorithm), Values, Lesson)
+    owner = owner_of(algorithm)
+    return address_of(own_kernel(updated, algorithm), Values, Lesson, owner=owner)

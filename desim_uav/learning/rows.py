@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from desim_uav.model.bounds import require_inside
 from desim_uav.model.compiled_rows import entries_at
 from desim_uav.model.kernels import rule, stands_in_for
-from desim_uav.model.rows import Row, Table, row
+from desim_uav.model.rows import BoundedTable, Row, Table, row
 
 Place = tuple[int, int, int]
 """A table, a state and an action."""
@@ -23,6 +25,9 @@ class Values(Row):
     all of them. ``entries`` is a memoryview of all of them, or in compiled code their address.
     """
 
+    bounds = "tables", "states", "actions"
+    """The fields that say how many places there are."""
+
     entries: int
     tables: int
     states: int
@@ -30,18 +35,56 @@ class Values(Row):
     sum: float
 
     def __getitem__(self, place: Place) -> float:
-        """Return a value. Compiled code returns NaN if there is no such place."""
+        """Return a value.
+
+        A place that does not exist raises OutsideError for an algorithm of one's own; else
+        compiled code returns NaN for it.
+        """
         entries: Any = self.entries
         value: float = entries[place]
         return value
 
     @rule
     def __setitem__(self, place: Place, value: float) -> None:
-        """Change a value. Compiled code changes nothing if there is no such place."""
+        """Change a value.
+
+        A place that does not exist raises OutsideError for an algorithm of one's own; else
+        compiled code changes nothing.
+        """
         _, state, action = place
         before = value_of(self, state, action)
         put(self, place, value)
         self.sum += value_of(self, state, action) - before
+
+
+class BoundedValues(Values):
+    """Values that check each place."""
+
+    __slots__ = ()
+
+    def __getitem__(self, place: Place) -> float:
+        """Return a value. Raises OutsideError if there is no such place."""
+        self._require(place)
+        return Values.__getitem__(self, place)
+
+    def __setitem__(self, place: Place, value: float) -> None:
+        """Change a value. Raises OutsideError if there is no such place."""
+        self._require(place)
+        Values.__setitem__(self, place, value)
+
+    def _require(self, place: Place) -> None:
+        for at, bound in zip(place, self.bounds, strict=True):
+            require_inside(at, getattr(self, bound), f"the {bound}")
+
+
+def bounded_update(update: Callable[[Any, Any], None]) -> Callable[[Any, Any], None]:
+    """Return the update of an algorithm that checks each index in its lesson."""
+
+    def bounded(q: Any, lesson: Any) -> None:
+        lesson.allowed = BoundedTable(lesson.allowed)
+        update(q, lesson)
+
+    return bounded
 
 
 @rule
@@ -66,7 +109,7 @@ singles_at = entries_at(np.float32)
 def _getitem(q: Any, place: Any) -> Any:
     def getitem(q: Any, place: Any) -> float:
         k = _entry(q, place)
-        return float(singles_at(q.entries, 0)[k]) if k >= 0 else math.nan
+        return float(_entries(q)[k]) if k >= 0 else math.nan
 
     return getitem
 
@@ -76,9 +119,15 @@ def _put(q: Any, place: Any, value: Any) -> Any:
     def put(q: Any, place: Any, value: Any) -> None:
         k = _entry(q, place)
         if k >= 0:
-            singles_at(q.entries, 0)[k] = value
+            _entries(q)[k] = value
 
     return put
+
+
+@rule
+def _entries(q: Values) -> Any:
+    """Return all values as a table, in compiled code."""
+    return singles_at(q.entries, q.tables * q.states * q.actions)
 
 
 @rule

@@ -19,7 +19,8 @@ from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.learning.learner import Parameters, forget, play
 from desim_uav.learning.readable import Readable
-from desim_uav.learning.rows import Episode, Learner, Values
+from desim_uav.learning.rows import BoundedValues, Episode, Learner, Values, bounded_update
+from desim_uav.model.bounds import naming, owner_of
 from desim_uav.model.components import NOT_COMPILED, cause_of, check_unchanged
 from desim_uav.model.observations import Feature, common_features, table_row, table_sizes
 from desim_uav.model.rows import Table, View, blank, fill, packed
@@ -119,7 +120,7 @@ class Training:
         self.together = at_once(world)
         update = self._compiled(algorithm)
         self.fuses = update != 0
-        self.episode_row: Any = self._episode_row(update or algorithm.update)
+        self.episode_row: Any = self._episode_row(update, algorithm)
         if self.fuses:
             assert isinstance(self.engine, BatchSimulation)
             self.engine.make_room_for_rings()
@@ -140,14 +141,17 @@ class Training:
             notice(f"learning.algorithm: {name!r} is not compiled, so training is slower: {why}")
             return 0
 
-    def _episode_row(self, update: Any) -> Episode:
-        """Return an episode before the first one; ``update``: the algorithm, or its address."""
+    def _episode_row(self, compiled: int, algorithm: Any) -> Episode:
+        """Return an episode before the first one; ``compiled``: the update's address, or 0."""
+        owner, values, update = owner_of(algorithm), Values, compiled or algorithm.update
+        if owner and not compiled:
+            values, update = BoundedValues, naming(owner, bounded_update(algorithm.update))
         episode = blank(Episode)
         episode.sizes = Table(self.sizes)
         for q in self.q:
             learner: Any = blank(Learner)
             entries = q.ctypes.data if self.fuses else q.data
-            learner.q = fill(Values, (entries, *q.shape, float(q.sum(dtype=np.float64))))
+            learner.q = fill(values, (entries, *q.shape, float(q.sum(dtype=np.float64))))
             learner.lesson.allowed = Table([0] * q.shape[2])
             learner.gamma, learner.update = self.settings.gamma, update
             forget(learner)

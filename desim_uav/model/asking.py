@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import SimulationError
+from desim_uav.model.bounds import naming, owner_of
 from desim_uav.model.compiled_registers import held, put_back
 from desim_uav.model.compiled_rows import pointer_to
 from desim_uav.model.components import (
@@ -24,7 +25,19 @@ from desim_uav.model.components import (
     ruled,
 )
 from desim_uav.model.kernels import rule
-from desim_uav.model.rows import Row, Table, View, Words, attach, blank, fill, packed, place, row
+from desim_uav.model.rows import (
+    Row,
+    Table,
+    View,
+    Words,
+    attach,
+    blank,
+    bound,
+    fill,
+    packed,
+    place,
+    row,
+)
 from desim_uav.model.services import Catalogue
 from desim_uav.model.streams import Stream, Streams, begin_stream, uniform
 
@@ -105,11 +118,13 @@ class Offer(Row):
 
     Service s has ``sizes[2 * s]`` service times, from ``required[s * longest]`` on, and
     ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, all equally likely. If
-    ``in_bits[s]``, it has volumes in millionths of a bit instead of service times.
+    ``in_bits[s]``, it has volumes in millionths of a bit instead of service times. No volume is
+    delivered faster than at ``most_bps``, in bit/s; 0 if that is not known.
     """
 
     longest: int
     widest: int
+    most_bps: int
     shares: Table[float]
     sizes: Table[int]
     required: Table[int]
@@ -245,14 +260,22 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
                     rows[first + REQUIRED_US] = asker.required_us
                     rows[first + BANDWIDTH_BPS] = asker.bandwidth_bps
                 count += 1
-                if follow:  # how long a volume takes is not known yet
-                    passed_us += 0 if services.in_bits[asker.service] else asker.required_us
+                if follow:
+                    passed_us += _least_us(asker, services)
                     due_us = 0
             asker.left_us -= passed_us
             idle = 0 if passed_us > 0 else idle + 1
         asking.count = count
 
     return ask
+
+
+@rule
+def _least_us(asker: Any, services: Any) -> int:
+    """Return the least time in which a request can be served; millionths of a bit are bit/s µs."""
+    if not services.in_bits[asker.service]:
+        return int(asker.required_us)
+    return int(asker.required_us // services.most_bps) if services.most_bps > 0 else 0
 
 
 @rule
@@ -301,9 +324,6 @@ def _draw_by(
     return draw
 
 
-offer_at: Any = pointer_to(Offer)
-
-
 @cache
 def _asking_of(demand: Any) -> Any:
     """Return the class of rows for the draws of a class of models."""
@@ -314,7 +334,8 @@ def _asking_of(demand: Any) -> Any:
 def _around(cls: Any, values_at: Any) -> Any:
     """Return the function ``draw`` of a class of models (see ``Function.around``)."""
     ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous))
-    draw_all, asking_at = ruled(_draw_by(ask, held, put_back)), pointer_to(_asking_of(cls))
+    draw_all, owner = ruled(_draw_by(ask, held, put_back)), owner_of(cls)
+    asking_at, offer_at = pointer_to(_asking_of(cls), owner), pointer_to(Offer, owner)
 
     def draw(values: int, asking: int, services: int) -> None:
         draw_all(values_at(values), asking_at(asking), offer_at(services))
@@ -336,6 +357,8 @@ class RowDraws:
     demand: RowDemand
     services: Catalogue
     horizon_us: int
+    most_bps: int = 0
+    """No volume is delivered faster, in bit/s; 0 if that is not known."""
 
     @cached_property
     def _compiled(self) -> Compiled | None:
@@ -348,7 +371,7 @@ class RowDraws:
         in_bits = own.in_bits.astype(np.int64)
         arrays = (own.share, own.sizes, own.required, own.bandwidths_bps, in_bits)
         tables = (Table(array.reshape(-1).tolist()) for array in arrays)
-        return fill(Offer, (longest, widest, *tables))
+        return fill(Offer, (longest, widest, self.most_bps, *tables))
 
     @cached_property
     def _packed_offer(self) -> Words:
@@ -381,8 +404,11 @@ class RowDraws:
             asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows)
             asking.states = Table(states.reshape(-1).tolist())
             asking.offsets, asking.rows = offsets.reshape(-1), rows.reshape(-1)
-            ask = _ask_by(model.next_request, self.demand.after_previous)
-            _draw_by(ask)(over_rows(self.demand, self.services.names), asking, self._offer)
+            demand, owner = over_rows(self.demand, self.services.names), owner_of(model)
+            if owner:
+                bound(asking, self._offer)
+            draw = naming(owner, _draw_by(_ask_by(model.next_request, model.after_previous)))
+            draw(demand, asking, self._offer)
             return asking
         block, states = np.zeros(cls.words, np.int64), np.ascontiguousarray(states)
         asking = View(block, cls)

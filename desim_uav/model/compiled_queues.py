@@ -6,10 +6,13 @@ from typing import Any
 
 from numba import extending
 
-from desim_uav.model.compiled_rows import Line, set_word, word
+from desim_uav.model.bounds import INSERT, POP, REMOVE
+from desim_uav.model.compiled_rows import Line, requiring, set_spare, set_word, spare, word
 
 overload_attribute: Any = extending.overload_attribute
 overload_method: Any = extending.overload_method
+
+can_pop, can_insert, can_remove = requiring(POP), requiring(INSERT), requiring(REMOVE)
 
 
 @overload_method(Line, "append")
@@ -17,7 +20,7 @@ def _append(line: Any, value: Any) -> Any:
     def append(line: Any, value: Any) -> None:
         count = len(line)
         if count < word(line, 2):
-            line[count] = value
+            set_spare(line, count, value)
             set_word(line, 1, count + 1)
         else:
             set_word(line, 3, 1)
@@ -33,7 +36,7 @@ def _added(line: Any) -> Any:
             set_word(line, 1, count + 1)
         else:
             set_word(line, 3, 1)
-        return line[count]  # the spare entry if the queue overruns
+        return spare(line, count)  # the spare entry if the queue overruns
 
     return added
 
@@ -42,8 +45,9 @@ def _added(line: Any) -> Any:
 def _pop(line: Any) -> Any:
     def pop(line: Any) -> Any:
         last = len(line) - 1
+        can_pop(line, last, len(line))
         set_word(line, 1, last)
-        return line[last]
+        return spare(line, last)
 
     return pop
 
@@ -60,10 +64,11 @@ def _clear(line: Any) -> Any:
 def _insert(line: Any, place: Any, value: Any) -> Any:
     def insert(line: Any, place: Any, value: Any) -> None:
         count = len(line)
+        can_insert(line, place, count + 1)
         if count < word(line, 2):
             for k in range(count, place, -1):
-                line[k] = line[k - 1]
-            line[place] = value
+                set_spare(line, k, spare(line, k - 1))
+            set_spare(line, place, value)
             set_word(line, 1, count + 1)
         else:
             set_word(line, 3, 1)
@@ -75,10 +80,12 @@ def _insert(line: Any, place: Any, value: Any) -> Any:
 def _remove(line: Any, value: Any) -> Any:
     def remove(line: Any, value: Any) -> None:
         place, last = 0, len(line) - 1
-        while line[place] != value:
+        can_remove(line, place, last + 1)
+        while spare(line, place) != value:
             place += 1
+            can_remove(line, place, last + 1)
         for k in range(place, last):
-            line[k] = line[k + 1]
+            set_spare(line, k, spare(line, k + 1))
         set_word(line, 1, last)
 
     return remove

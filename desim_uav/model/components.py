@@ -13,10 +13,11 @@ from typing import Any, NamedTuple, TypeVar
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from desim_uav.errors import SimulationError
+from desim_uav.model.bounds import owner_of
 from desim_uav.model.code_digest import class_digest
 from desim_uav.model.compiled_rows import address_of, call, pointer_to
-from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.rows import Row, Table, Words, fill, packed, row
+from desim_uav.model.kernels import checked_kernel, kernel, rule
+from desim_uav.model.rows import BoundedTable, Row, Table, Words, fill, packed, row
 from desim_uav.model.value_text import OURS, ChangedError, UndescribedError
 from desim_uav.notices import notice
 from desim_uav.registry import has_instead
@@ -40,13 +41,16 @@ def over_rows(component: C, services: tuple[str, ...]) -> C:
     if not is_dataclass(component):
         return component
     made = copy.copy(component)
+    table_of = BoundedTable if owner_of(type(component)) else Table
     for field in fields(component):
         value = getattr(component, field.name)
         if isinstance(value, Mapping):
-            table = Table(float(value.get(name, 0.0)) for name in services)
+            table = table_of(float(value.get(name, 0.0)) for name in services)
             object.__setattr__(made, field.name, table)
         elif type(value) is tuple and all(isinstance(one, int | float) for one in value):
-            object.__setattr__(made, field.name, Table(map(float, value)))
+            object.__setattr__(made, field.name, table_of(map(float, value)))
+        elif type(value) is Table:
+            object.__setattr__(made, field.name, table_of(value))
     return made
 
 
@@ -90,7 +94,7 @@ def own_kernel(function: Any, cls: Any) -> Any:
     """Return a kernel around a method of a class of components, with a file of its own on disk."""
     name = f"{function.__name__}_of_{cls.__module__}_{cls.__qualname__}"
     function.__qualname__ = name.replace(".", "_")
-    return kernel(function)
+    return checked_kernel(function) if owner_of(cls) else kernel(function)
 
 
 @cache
@@ -164,7 +168,9 @@ def check_unchanged(component: Any) -> None:
 @cache
 def _address(one: Function, cls: Any, values: Any) -> int:
     """Compile a function of a class of components, which has a file of its own on disk."""
-    return address_of(own_kernel(one.around(cls, pointer_to(values)), cls), *one.arguments)
+    owner = owner_of(cls)
+    made = own_kernel(one.around(cls, pointer_to(values, owner)), cls)
+    return address_of(made, *one.arguments, owner=owner)
 
 
 def compiled_or_none(

@@ -21,6 +21,7 @@ from uuid import uuid4
 import numba
 from numba.extending import overload, register_jitable
 
+from desim_uav.model.bounds import CHECKED, is_own
 from desim_uav.model.code_digest import RULES, STANDS_IN, code_digest
 from desim_uav.model.numba_parts import (
     VERSIONS,
@@ -39,7 +40,10 @@ from desim_uav.regular_file import content_of, new_file
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-MAKER: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy"}
+MAKER: dict[str, Any] = {
+    **{"nogil": True, "fastmath": False, "error_model": "numpy", "no_cfunc_wrapper": True},
+    **({"boundscheck": True} if CHECKED else {}),
+}
 
 OPTIONS: dict[str, Any] = {**MAKER, **WITHOUT_COUNTING}
 
@@ -52,6 +56,9 @@ WITHIN: dict[str, Any] = {
 INNER: dict[str, Any] = {**OPTIONS, **WITHIN, "forceinline": True}
 """The options of functions that only kernels call, whose machine code they become part of."""
 
+CHECK: dict[str, Any] = {"boundscheck": True}
+"""What is added to the options of code of one's own, whose indices of arrays are checked."""
+
 NOWHERE = (
     "compiled code cannot be kept on disk and is compiled anew in each process, because neither "
     "{folder} nor your cache folder can be written; set NUMBA_CACHE_DIR to a folder that can be"
@@ -62,6 +69,9 @@ NOT_KEPT = (
     "it depends on a value whose changes cannot be detected: {value}"
 )
 
+ENDING = ".checked.nbc" if CHECKED else ".nbc"
+"""The end of the names of files with machine code."""
+
 CHECKSUM = hashlib.sha256().digest_size
 MOST_BYTES = 2**30
 
@@ -69,6 +79,11 @@ MOST_BYTES = 2**30
 def kernel(function: F) -> F:
     """Compile a function as a kernel that Python can call, and that makes no arrays."""
     return cached(function, OPTIONS)
+
+
+def checked_kernel(function: F) -> F:
+    """Compile a function of a component of one's own as a kernel."""
+    return cached(function, {**OPTIONS, **CHECK})
 
 
 def maker(function: F) -> F:
@@ -98,7 +113,8 @@ def cached(function: F, options: Mapping[str, Any]) -> F:
 def rule(function: F) -> F:
     """Have a function compiled with the kernels that call it; Python runs it as it stands."""
     RULES.add(cast(FunctionType, function))
-    made: F = register_jitable(**INNER)(function)
+    own = CHECK if is_own(function.__module__) else {}
+    made: F = register_jitable(**{**INNER, **own})(function)
     return made
 
 
@@ -148,7 +164,8 @@ class MachineCode(FunctionCache):
 
     def __init__(self, compiled: Any) -> None:
         super().__init__(compiled.py_func)
-        self.file = CodeFile(Path(self.cache_path) / f"{self._impl.filename_base}.nbc", compiled)
+        name = f"{self._impl.filename_base}{ENDING}"
+        self.file = CodeFile(Path(self.cache_path) / name, compiled)
         base: Any = self
         base._cache_file = self.file  # whose load, save and flush it calls
 
@@ -199,7 +216,8 @@ class CodeFile:
         """
         function, options = self._compiled.py_func, self._compiled.targetoptions
         try:
-            parts = code_digest(function), Text().of(options), *VERSIONS, *settings()
+            digest = code_digest(function, placed="boundscheck" in options)
+            parts = digest, Text().of(options), *VERSIONS, *settings()
         except UndescribedError as error:
             if multiprocessing.parent_process() is None:  # the parent prints it for all
                 name = function.__qualname__.replace("<locals>.", "")

@@ -16,6 +16,7 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 from numpy.typing import NDArray
 
 from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.rows import BoundedTable, Table
 from desim_uav.model.rules import US, AtSpeed, Choice
 from desim_uav.registry import Checked, register
 
@@ -47,9 +48,9 @@ class Transit(NamedTuple):
     side_mps: float = 0.0
 
     @property
-    def pieces(self) -> list[Piece]:
+    def pieces(self) -> Table[Piece]:
         """The rows of the profile by name."""
-        return [Piece(*row) for row in self.profile.tolist()]
+        return BoundedTable(Piece(*row) for row in self.profile.tolist())
 
 
 class Motion(Protocol):

@@ -5,20 +5,25 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
+import llvmlite.binding
 import llvmlite.ir
 import numba
 import numpy as np
-from numba.core import caching, serialize
+from numba.core import caching, errors, lowering, serialize
 from numba.core import cgutils as _cgutils
 from numba.core import codegen as _codegen
 from numba.core import compiler as _compiler
 from numba.core import types as _types
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
+from numba.core.imputils import Registry
 from numba.core.typing import templates as _templates
 from numba.np import arrayobj as _arrayobj
+
+from desim_uav.model.bounds import NOTE, NOTE_AT, OutsideError, Place, own_class
 
 types: Any = _types
 cgutils: Any = _cgutils
@@ -28,6 +33,7 @@ populate_array: Any = _arrayobj.populate_array
 _Code: Any = _codegen.JITCodeLibrary
 _Compiler: Any = _compiler.Compiler
 dumps: Any = serialize.dumps
+TypingError: Any = errors.TypingError
 FunctionCache: Any = caching.FunctionCache
 AttributeTemplate: Any = _templates.AttributeTemplate
 
@@ -65,6 +71,11 @@ def cache_of(compiled: Any) -> Any:
     return compiled._cache
 
 
+def is_registry(value: Any) -> bool:
+    """Return whether a value is one of Numba's registries, in which functions are entered."""
+    return isinstance(value, Registry)
+
+
 def is_compiled(value: Any) -> bool:
     """Return whether a value is a function with a decorator of Numba, and not another object."""
     return isinstance(value, Dispatcher | _Intrinsic)
@@ -86,10 +97,58 @@ def overloads_of(function: Any) -> list[tuple[Any, Any]]:
 
 
 def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
-    """Return the address of the machine code for arguments of these types; C code can call it."""
+    """Return the address of the machine code for arguments of these types.
+
+    It is called as compiled code calls a function, and returns whether it has ended by an error.
+    """
     compiled.compile(arguments)
     found = compiled.overloads[arguments]
-    return int(found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name))
+    return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+
+
+llvmlite.binding.add_symbol(NOTE, NOTE_AT)
+
+
+def fail_outside(
+    context: Any, builder: Any, owner: str, of: str, place: Place, met: tuple[Any, Any]
+) -> None:
+    """End a function by OutsideError, whose arguments these are."""
+    kind = ir.FunctionType(ir.VoidType(), [one.type for one in met])
+    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE), met)
+    context.call_conv.return_user_exc(builder, OutsideError, (owner, of, place))
+
+
+def _check_array(context: Any, builder: Any, k: Any, size: Any, axis: int = 0) -> None:
+    """In the place of Numba's check, whose error has no place: end a function by OutsideError.
+
+    Numba has added the size to a negative index, and calls this where ``boundscheck`` is set.
+    """
+    with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", k, size)):
+        negative = builder.icmp_signed("<", k, k.type(0))
+        told = builder.select(negative, builder.sub(k, size), k)
+        place, owner = _function_lowered()
+        fail_outside(context, builder, owner, f"axis {axis}", place, (told, size))
+
+
+cgutils.do_boundscheck = _check_array
+
+
+def place_lowered() -> Place:
+    """Return the place in the source that is being made machine code by a caller of this."""
+    return _function_lowered()[0]
+
+
+def _function_lowered() -> tuple[Place, str]:
+    """Return that place, and the component of one's own that its function is a method of."""
+    frame: Any = sys._getframe(1)
+    while not isinstance(one := frame.f_locals.get("self"), lowering.BaseLower):
+        frame = frame.f_back
+    lower: Any = one
+    function = lower.func_ir.func_id.func
+    code = function.__code__
+    return (code.co_filename, lower.loc.line, code.co_qualname), own_class(
+        function.__module__, code.co_qualname
+    )
 
 
 class InnerCode(_Code):  # type: ignore[misc]

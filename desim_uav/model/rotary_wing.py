@@ -7,12 +7,19 @@ such as ``battery_us`` stand for microjoules here.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le
 
-from desim_uav.model.battery import MOST_UJ, WH_UJ, RowEnergy, time_of_hover_problems
+from desim_uav.model.battery import (
+    LONGEST_MIN,
+    MOST_UJ,
+    WH_UJ,
+    RowEnergy,
+    time_of_hover_problems,
+)
 from desim_uav.model.free.work import speeding_in_wind_j
 from desim_uav.model.kernels import rule
 from desim_uav.model.motion import Motion
@@ -22,8 +29,10 @@ from desim_uav.model.propulsion.rotary_wing import (
     Powers,
     Rotor,
     best_speeds,
+    derived,
     power_w,
     powers_of,
+    rotor_of,
     speeding_j,
 )
 from desim_uav.model.rules import US
@@ -34,6 +43,20 @@ LONGEST_US = 2**60
 
 NEAR_US = 1024
 """A search takes single steps up to so many microseconds from where it begins."""
+
+
+ALIKE = 0.02
+"""Parameters of a rotor contradict each other if they differ by more than this share."""
+
+LONGER = 1.25
+"""The least ratio of the times of a hover in wind and in still air that is told."""
+
+FORMULAS = {
+    "disc_area_m2": "π R²",
+    "tip_speed_mps": "Ω R",
+    "induced_speed_mps": "sqrt(W / 2 ρ A)",
+}
+"""How parameters of a rotor follow from others."""
 
 
 @register("battery", "rotary_wing")
@@ -48,13 +71,24 @@ class RotaryWing(RowEnergy):
     capacity_wh: Annotated[float, Ge(1e-3), Le(1e4)] = 84.242
     """What a full battery holds, in watt-hours."""
     parameters: Annotated[
-        Any, NameOr(tuple(ROTORS), Rotor, "a mapping with all parameters of a rotor")
+        Any, NameOr(tuple(ROTORS), Rotor, "a mapping with the parameters of a rotor")
     ] = "zeng2019"
     """The rotor: `zeng2019` are the parameters of the paper's Table I, `zeng2018` those of its
     first version; or a mapping with `weight_n`, `air_density_kg_m3`, `rotor_radius_m`,
-    `disc_area_m2`, `blade_speed_rad_s`, `tip_speed_mps`, `solidity`, `profile_drag`,
-    `fuselage_drag`, `induced_factor` and `induced_speed_mps`.
+    `blade_speed_rad_s`, `solidity`, `profile_drag`, `fuselage_drag` and `induced_factor`. Of the
+    others, `disc_area_m2` is by default π R², `tip_speed_mps` Ω R, and `induced_speed_mps`
+    sqrt(W / 2 ρ A).
     """
+    mass_kg: Annotated[float, Ge(1e-3), Le(1e4)] | None = None
+    """The mass of the drone, in kilograms, instead of `parameters`, beside `hover_w` or
+    `hover_min`. The rotor then has the shape of `zeng2019` and this power in a hover.
+    """
+    hover_w: Annotated[float, Ge(1e-3), Le(1e6)] | None = None
+    """The power of a hover in still air, in watts, with the electronics."""
+    later: ClassVar = ("mass_kg", "hover_w", "hover_min")
+
+    hover_min: Annotated[float, Ge(1 / 60), Le(LONGEST_MIN)] | None = None
+    """How long a full battery lasts in a hover in still air, in minutes, instead of `hover_w`."""
     climb: bool = True
     """Whether a climb takes, beside the power of a hover, the weight times the height. A descent
     takes the power of a hover.
@@ -74,7 +108,7 @@ class RotaryWing(RowEnergy):
     """How long a full battery lasts in a hover, in minutes."""
     capacity_uj: int = field(init=False, repr=False, default=0)
     hover_uw: int = field(init=False, repr=False, default=0)
-    hover_w: float = field(init=False, repr=False, default=0.0)
+    rest_w: float = field(init=False, repr=False, default=0.0)
     lifts_n: float = field(init=False, repr=False, default=0.0)
     blade_w: float = field(init=False, repr=False, default=0.0)
     induced_w: float = field(init=False, repr=False, default=0.0)
@@ -83,24 +117,52 @@ class RotaryWing(RowEnergy):
     flow_mps: float = field(init=False, repr=False, default=0.0)
 
     def __post_init__(self) -> None:
-        """Set the numbers that follow from the parameters."""
+        """Set the numbers that follow from the parameters. Raises ValueError if some contradict."""
+        self._check_datasheet()
         rotor = self.rotor
         powers = powers_of(rotor)
-        hover_w = power_w(powers, 0.0) + self.electronics_w
+        rest_w = power_w(powers, 0.0) + self.electronics_w
         capacity_uj = round(self.capacity_wh * WH_UJ)
         follows = powers._asdict() | {
             "lifts_n": float(rotor.weight_n) if self.climb else 0.0,
-            "hover_w": hover_w,
-            "hover_uw": max(1, round(hover_w * US)),
+            "rest_w": rest_w,
+            "hover_uw": max(1, round(rest_w * US)),
             "capacity_uj": capacity_uj,
-            "autonomy_min": capacity_uj / (hover_w * 60 * US),
+            "autonomy_min": capacity_uj / (rest_w * 60 * US),
         }
         for name, value in follows.items():
             object.__setattr__(self, name, value)
 
+    def _check_datasheet(self) -> None:
+        """Raise ValueError unless mass and hover are both given, or neither."""
+        given = [name for name in ("hover_w", "hover_min") if getattr(self, name) is not None]
+        if self.mass_kg is None:
+            if given:
+                raise ValueError(f"{given[0]} needs mass_kg, from which the rotor follows")
+            return
+        if len(given) != 1:
+            raise ValueError("mass_kg needs either hover_w or hover_min")
+        if self.parameters != "zeng2019":
+            raise ValueError("give parameters, or mass_kg and hover_w or hover_min, not both")
+        if self._datasheet_w <= self.electronics_w:
+            raise ValueError(
+                f"a hover takes {self._datasheet_w:g} W, which must be more than electronics_w, "
+                f"{self.electronics_w:g}"
+            )
+
+    @property
+    def _datasheet_w(self) -> float:
+        """The power of a hover that is given, with the electronics, in watts."""
+        if self.hover_min is not None:
+            return self.capacity_wh * 60.0 / self.hover_min
+        assert self.hover_w is not None
+        return self.hover_w
+
     @property
     def rotor(self) -> Rotor:
         """The parameters of the rotor."""
+        if self.mass_kg is not None:
+            return rotor_of(self.mass_kg, self._datasheet_w - self.electronics_w)
         named: Rotor = ROTORS.get(self.parameters, self.parameters)
         return named
 
@@ -147,7 +209,31 @@ class RotaryWing(RowEnergy):
 
     def problems(self, motion: Motion, step_s: float) -> list[str]:
         """Return why the battery would not last for a time that can be counted."""
-        return time_of_hover_problems(self.capacity_wh, self.hover_w, self.autonomy_min)
+        return time_of_hover_problems(self.capacity_wh, self.rest_w, self.autonomy_min)
+
+    def doubts(self, wind_mps: float) -> Iterator[str]:
+        """Yield parameters that contradict each other, and how a wind changes the time of a hover.
+
+        Only differences of more than ``ALIKE`` and ``LONGER`` are told.
+        """
+        rotor = self.rotor
+        for name, follows in derived(rotor)._asdict().items():
+            value = getattr(rotor, name)
+            if value is not None and not 1.0 - ALIKE <= value / follows <= 1.0 + ALIKE:
+                yield (
+                    f"parameters.{name}: {value:g}: {FORMULAS[name]} = {follows:g} by the other "
+                    "parameters; without this key it is that"
+                )
+        in_wind_w = self.level_w(wind_mps)
+        if not 1.0 / LONGER <= self.rest_w / in_wind_w <= LONGER:
+            more = self.rest_w > in_wind_w
+            percent = 100.0 * abs(self.rest_w / in_wind_w - 1.0)
+            yield (
+                f"in the wind of {wind_mps:g} m/s a hover takes {in_wind_w:.4g} W instead of "
+                f"{self.rest_w:.4g} W in still air, so that a battery lasts {percent:.0f} % "
+                f"{'longer' if more else 'less long'}: a hover is then a level flight through the "
+                "air (explanation/wind)"
+            )
 
 
 @rule
@@ -199,9 +285,9 @@ def is_calm(flight: Any) -> bool:
 def hovering_w(own: Any, flight: Any) -> float:
     """Return the power of a hover where a flight ends, in watts: that at the speed of the wind."""
     if is_calm(flight):
-        return float(own.hover_w)
+        return float(own.rest_w)
     tail, side = flight.tail_mps, flight.side_mps
-    electronics_w = own.hover_w - own.blade_w - own.induced_w
+    electronics_w = own.rest_w - own.blade_w - own.induced_w
     return float(power_w(own, math.sqrt(tail * tail + side * side)) + electronics_w)
 
 
@@ -212,7 +298,7 @@ def piece_in_wind_j(own: Any, flight: Any, piece: Any, level: float, passes_s: f
     first = level * piece.speed_mps - tail
     last = max(-tail, first + level * piece.acceleration_mps2 * passes_s)
     drag_j = speeding_in_wind_j(power_w, own, side, first, last, passes_s, own.flow_mps)
-    electronics_j = (own.hover_w - own.blade_w - own.induced_w) * passes_s
+    electronics_j = (own.rest_w - own.blade_w - own.induced_w) * passes_s
     return float(drag_j + electronics_j)
 
 
@@ -222,7 +308,7 @@ def piece_j(own: Any, piece: Any, level: float, passes_s: float) -> float:
 
     ``level`` is the horizontal part of its speed, as a share.
     """
-    electronics_j = (own.hover_w - own.blade_w - own.induced_w) * passes_s
+    electronics_j = (own.rest_w - own.blade_w - own.induced_w) * passes_s
     acceleration, speed = level * piece.acceleration_mps2, level * piece.speed_mps
     if acceleration == 0.0:
         return float(power_w(own, speed) * passes_s + electronics_j)

@@ -25,6 +25,16 @@ from typing import Any, ClassVar, Generic, TypeVar, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.bounds import (
+    A_QUEUE,
+    A_TABLE,
+    CHECKED,
+    INSERT,
+    POP,
+    REMOVE,
+    require_inside,
+)
+
 T = TypeVar("T")
 R = TypeVar("R", bound="Row")
 
@@ -60,6 +70,64 @@ class Queue(list[T], Generic[T]):
         one: T = self.of()
         self.append(one)
         return one
+
+
+class BoundedTable(Table[T]):
+    """A table that checks each index; a negative one is refused, as in compiled code."""
+
+    __slots__ = ()
+
+    def __getitem__(self, k: Any) -> Any:
+        """Return an entry. Raises OutsideError if there is none."""
+        if k.__class__ is not int or not 0 <= k < len(self):
+            require_inside(k, len(self), A_TABLE)
+        return list.__getitem__(self, k)
+
+    def __setitem__(self, k: Any, value: Any) -> None:
+        """Change an entry. Raises OutsideError if there is none."""
+        require_inside(k, len(self), A_TABLE)
+        list.__setitem__(self, k, value)
+
+
+class BoundedQueue(Queue[T]):
+    """A queue that checks each index, as a BoundedTable does."""
+
+    __slots__ = ()
+
+    def __getitem__(self, k: Any) -> Any:
+        """Return an entry. Raises OutsideError if there is none."""
+        if k.__class__ is not int or not 0 <= k < len(self):
+            require_inside(k, len(self), A_QUEUE)
+        return list.__getitem__(self, k)
+
+    def __setitem__(self, k: Any, value: Any) -> None:
+        """Change an entry. Raises OutsideError if there is none."""
+        require_inside(k, len(self), A_QUEUE)
+        list.__setitem__(self, k, value)
+
+    def pop(self, *place: Any) -> Any:
+        """Return the last entry and remove it. Raises OutsideError if there is none."""
+        if not place:
+            require_inside(len(self) - 1, len(self), A_QUEUE, POP)
+        return list.pop(self, *place)
+
+    def insert(self, place: Any, value: Any) -> None:
+        """Insert an entry before another one, or at the end. Raises OutsideError elsewhere."""
+        require_inside(place, len(self) + 1, A_QUEUE, INSERT)
+        list.insert(self, place, value)
+
+    def remove(self, value: Any) -> None:
+        """Remove the first entry that equals a value. Raises OutsideError if there is none."""
+        if value not in self:
+            require_inside(len(self), len(self), A_QUEUE, REMOVE)
+        list.remove(self, value)
+
+
+if CHECKED:
+    for _plain, _bounded in ((Table, BoundedTable), (Queue, BoundedQueue)):
+        for _name in ("__getitem__", "__setitem__", "pop", "insert", "remove"):
+            if _name in vars(_bounded):
+                setattr(_plain, _name, vars(_bounded)[_name])
 
 
 class Row:
@@ -150,6 +218,35 @@ def fill(cls: type[R], values: Iterable[Any]) -> R:
     for name, value in zip(cls.kinds, values, strict=True):
         setattr(made, name, value)
     return made
+
+
+@cache
+def _has_tables(cls: type[Row]) -> bool:
+    """Return whether rows of a class have tables or queues, or rows that have some."""
+    return any(
+        origin_of(kind) or (is_row(kind) and _has_tables(kind)) for kind in cls.kinds.values()
+    )
+
+
+def bound(*rows: Row) -> None:
+    """Let all tables and queues of rows, and of the rows in them, check each index from now on."""
+    for one in rows:
+        for name, kind in one.kinds.items():
+            value = getattr(one, name)
+            if is_row(kind):
+                bound(value)
+            elif origin_of(kind):
+                bound_table(value)
+                if is_row(held_by(kind)) and _has_tables(held_by(kind)):
+                    bound(*value)
+
+
+def bound_table(table: Any) -> None:
+    """Let a table or queue check each index from now on; an array does so itself."""
+    if type(table) is Table:
+        table.__class__ = BoundedTable
+    elif type(table) is Queue:
+        table.__class__ = BoundedQueue
 
 
 @cache

@@ -31,7 +31,7 @@ from typing import Any, TypeVar, get_args, get_origin
 
 import numpy as np
 
-from desim_uav.model.numba_parts import is_compiled, name_of_type
+from desim_uav.model.numba_parts import is_compiled, is_registry, name_of_type
 from desim_uav.model.rows import held_by, is_row, layout_of, origin_of
 
 VERSIONED = ("numpy", "numba", "llvmlite")
@@ -39,6 +39,9 @@ VERSIONED = ("numpy", "numba", "llvmlite")
 
 OURS = "desim_uav."
 """How the names of this package's modules begin."""
+
+OPTIONS = ("targetoptions", "locals", "_prefer_literal", "_ctor_kwargs")
+"""The attributes in which Numba keeps what its decorators are told."""
 
 ARRAYS = (np.ndarray, np.memmap, np.recarray)
 NAMED = (GetSetDescriptorType, MemberDescriptorType, MethodDescriptorType, WrapperDescriptorType)
@@ -93,7 +96,9 @@ class Text:
 
     def _other(self, kind: type, value: Any) -> str:
         if is_compiled(value):
-            return f"compiled {self._function(value.__wrapped__)} {self.of(options_of(value))}"
+            return f"compiled {self._function(value.__wrapped__)} {self._options(value)}"
+        if is_registry(value):
+            return f"a {full_name(kind)}"
         if name := name_of_type(value):
             return f"{self._class(kind)} {name}"
         if get_origin(value) is not None:
@@ -122,6 +127,13 @@ class Text:
 
     def _member(self, value: Any) -> str:
         return f"{value.name} of {self._class(type(value))}"
+
+    def _options(self, compiled: Any) -> str:
+        """Return the text of what a decorator of Numba was told of a function, which is final."""
+        before = self.lasting
+        said = self._named((name, getattr(compiled, name, None)) for name in OPTIONS)
+        self.lasting = before
+        return said
 
     def _module(self, module: ModuleType) -> str:
         if foreign(module.__name__):
@@ -227,12 +239,6 @@ PARTS: dict[type, Callable[[Text, Any], str]] = {
 def full_name(value: Any) -> str:
     """Return the name of a class or function with that of its module."""
     return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', '')}"
-
-
-def options_of(compiled: Any) -> dict[str, Any]:
-    """Return what the decorators of Numba have been told of a function."""
-    names = ("targetoptions", "locals", "_prefer_literal", "_ctor_kwargs")
-    return {name: getattr(compiled, name, None) for name in names}
 
 
 @cache

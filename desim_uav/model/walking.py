@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
 from desim_uav.errors import SimulationError
+from desim_uav.model.bounds import naming, owner_of
 from desim_uav.model.compiled_registers import held, put_back
 from desim_uav.model.compiled_rows import as_array, entries_at, place_of, pointer_to
 from desim_uav.model.components import (
@@ -33,7 +34,18 @@ from desim_uav.model.components import (
 )
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.kernels import part, rule
-from desim_uav.model.rows import Row, Table, View, attach, blank, held_by, place, row
+from desim_uav.model.rows import (
+    BoundedTable,
+    Row,
+    Table,
+    View,
+    attach,
+    blank,
+    bound,
+    held_by,
+    place,
+    row,
+)
 from desim_uav.model.streams import FAR_US, Stream, Streams, begin_stream
 
 LEG_COLUMNS = 5
@@ -355,14 +367,13 @@ def walking_of(mobility: Any) -> Any:
     return row(type("Walking", (Row,), {"__annotations__": kinds}))
 
 
-floats_at, words_at = entries_at(float), entries_at(int)
-
-
 def _around(cls: Any, values_at: Any) -> Any:
     """Return the function ``walk`` of a class of models (see ``Function.around``)."""
     walk_on = ruled(_walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back))
-    begin_all, walking_at = ruled(_begin_by(ruled(cls.begin))), pointer_to(walking_of(cls))
-    words = remembering(Walker, cls).words
+    begin_all, words = ruled(_begin_by(ruled(cls.begin))), remembering(Walker, cls).words
+    owner = owner_of(cls)
+    walking_at = pointer_to(walking_of(cls), owner)
+    floats_at, words_at = entries_at(float, owner), entries_at(int, owner)
 
     def walk(values: int, at: int, homes: int, streams: int, start_us: int, end_us: int) -> None:
         walking = walking_at(at)
@@ -440,9 +451,13 @@ class RowWalks(Unchanging):
             walking.legs, walking.legs_at = legs.reshape(-1), offsets
             walking.walkers = Table(blank(own) for _ in self.homes)
             mobility = over_rows(self.mobility, ())
-            at, words = self.homes.reshape(-1).tolist(), self.states.reshape(-1).tolist()
-            _begin_by(model.begin)(mobility, walking, at, words)
-            _walk_by(model.next_leg, model.stays_on_map)(mobility, walking, 0, self.horizon_us)
+            arrays, owner = (self.homes, self.states), owner_of(model)
+            at, words = (BoundedTable(array.reshape(-1).tolist()) for array in arrays)
+            if owner:
+                bound(walking)
+            naming(owner, _begin_by(model.begin))(mobility, walking, at, words)
+            walk = naming(owner, _walk_by(model.next_leg, model.stays_on_map))
+            walk(mobility, walking, 0, self.horizon_us)
             return walking
         for name, array in (("walkers", block[cls.words :]), ("legs", legs), ("legs_at", offsets)):
             attach(block, cls, name, array)

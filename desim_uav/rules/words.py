@@ -87,9 +87,10 @@ LEADS_TO = {
 OF_PAIRS = (ON_CONFLICT, ON_CLEAR)
 """The kinds of events of two drones."""
 
-OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST = 1, 2, 4, 8
+OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST, UNFINISHED = 1, 2, 4, 8, 16
 """The flags of ``State.faults``: something did not fit in memory; a reward was too large or not a
-number; an admission rule served requests beyond a drone's bandwidth; a user's leg is invalid."""
+number; an admission rule served requests beyond a drone's bandwidth; a user's leg is invalid; a
+step of the compiled engine is under way, or an error of a component of one's own has ended it."""
 
 NEVER = 2**62
 """A time after all others, in microseconds, for events that are not scheduled."""

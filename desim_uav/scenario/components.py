@@ -224,7 +224,7 @@ def _keyed(form: Any) -> JsonSchemaValue:
     schema = {
         "type": "object",
         "properties": {name: _adapter(hints[name]).json_schema() for name in form._fields},
-        "required": list(form._fields),
+        "required": [name for name in form._fields if name not in form._field_defaults],
         "additionalProperties": False,
     }
     return with_meanings(schema, form)

@@ -144,15 +144,20 @@ def expected_requests(scenario: Scenario) -> float:
 
     A demand of one's own that has no ``expected_draws`` counts as one request per user and step.
     """
-    return max(1.0, _draws_and_requests(scenario)[1])
+    return max(1.0, _draws_and_requests(scenario, 0)[1])
 
 
-def _draws_and_requests(scenario: Scenario) -> tuple[float, float]:
-    """Return how often users are expected to draw a service, and to ask for one, in an episode."""
+def _draws_and_requests(scenario: Scenario, most_bps: int) -> tuple[float, float]:
+    """Return how often users are expected to draw a service, and to ask for one, in an episode.
+
+    Volumes take at least the time that they take at ``most_bps``; no time if that is 0.
+    """
     users, steps = scenario.users.count, scenario.episode.steps
     draws_of = getattr(scenario.demand, "expected_draws", None)
     horizon_s = steps * scenario.episode.step_s
-    draws = draws_of(users, _required_s(scenario), horizon_s) if draws_of else users * steps
+    draws = (
+        draws_of(users, _required_s(scenario, most_bps), horizon_s) if draws_of else users * steps
+    )
     return draws, (1.0 - getattr(scenario.demand, "none", 0.0)) * draws
 
 
@@ -163,7 +168,7 @@ def _counts(scenario: Scenario) -> _Counts:
     legs_of = getattr(scenario.users.mobility, "expected_legs", None)
     area = Area(*scenario.map.size_m)
     legs = legs_of(users, area, horizon_s) if legs_of else float(users * steps)
-    draws, requests = _draws_and_requests(scenario)
+    draws, requests = _draws_and_requests(scenario, scenario.most_bps)
     return _Counts(
         drones,
         users,
@@ -224,11 +229,13 @@ def _event_log(logged: Sequence[Part], n: _Counts) -> Part:
     return Part("the event log that is kept", 330.0 * rows + 700.0 * n.drones * n.epochs, keys)
 
 
-def _required_s(scenario: Scenario) -> float:
-    """The mean service time of a request, over the mix; 0 for a volume, whose time is unknown."""
+def _required_s(scenario: Scenario, most_bps: int) -> float:
+    """The mean service time of a request, over the mix; for a volume, the least at this rate."""
     mix = getattr(scenario.demand, "mix", None) or dict.fromkeys(scenario.services, 1.0)
     means = {
-        name: 0.0 if isinstance(service, Volume) else float(np.mean(service.durations_us()))
+        name: (float(np.mean(service.volumes_ubit())) / most_bps if most_bps else 0.0)
+        if isinstance(service, Volume)
+        else float(np.mean(service.durations_us()))
         for name, service in scenario.services.items()
     }
     total = math.fsum(mix.values())

@@ -5,6 +5,7 @@ Components tell their own doubts in a method ``doubts``, and in ``summary`` what
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -16,6 +17,7 @@ from desim_uav.model.walking import Area
 from desim_uav.notices import notice
 from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
+from desim_uav.scenario.yaml12 import KeyPath
 
 
 def doubts(scenario: Scenario) -> Iterator[str]:
@@ -69,6 +71,30 @@ def drones_can_climb(scenario: Scenario) -> Iterator[str]:
         )
 
 
+def batteries_are_meant(scenario: Scenario) -> Iterator[str]:
+    """Parameters of batteries that contradict each other, and energy in wind."""
+    wind_mps = math.hypot(*scenario.wind_mps)
+    for path, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        own = getattr(drones.battery, "doubts", None)
+        for doubt in own(wind_mps) if own else ():
+            yield f"{'.'.join(map(str, path))}.battery: {doubt}"
+
+
+def losses_are_of_the_carrier(scenario: Scenario) -> Iterator[str]:
+    """Path losses that were fitted at a carrier far from the radio's."""
+    radios: list[tuple[KeyPath, Any]] = [
+        ((*path, "radio"), one.radio)
+        for path, one in zip(scenario.fleet_keys, scenario.fleet, strict=True)
+    ]
+    radios += [
+        (("access_points", k, "radio"), one.radio) for k, one in enumerate(scenario.access_points)
+    ]
+    for path, radio in radios:
+        own = getattr(getattr(radio, "path_loss", None), "doubts", None)
+        for doubt in own(radio.carrier_ghz) if own else ():
+            yield f"{'.'.join(map(str, path))}.path_loss: {doubt}"
+
+
 def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
     """Recordings outside of an episode, or in units other than metres."""
     users, horizon_s = scenario.users, _horizon_s(scenario)
@@ -111,7 +137,7 @@ def zones_stand_in_the_way(scenario: Scenario) -> Iterator[str]:
 
 def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
     """Requests that hold more than the bandwidth of any drone, so that none ever serves them."""
-    most_bps = _most_bps(scenario)
+    most_bps = scenario.most_bps or math.inf
     demand: Any = scenario.demand
     asked: Mapping[str, float] = {
         name: float(np.max(service.bandwidths_bps())) for name, service in scenario.services.items()
@@ -143,6 +169,8 @@ def losses_have_bounds(scenario: Scenario) -> Iterator[str]:
 DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     circles_fit_the_map,
     drones_can_climb,
+    batteries_are_meant,
+    losses_are_of_the_carrier,
     recordings_fit_an_episode,
     places_are_in_metres,
     zones_stand_in_the_way,
@@ -153,13 +181,3 @@ DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
 
 def _horizon_s(scenario: Scenario) -> float:
     return scenario.episode.steps * scenario.episode.step_s
-
-
-def _most_bps(scenario: Scenario) -> float:
-    """Return the highest rate that a drone or an access point can have, in bit/s."""
-    radios = [(drones.radio, drones.bandwidth_kbps) for drones in scenario.fleet]
-    radios += [(point.radio, None) for point in scenario.access_points]
-    return max(
-        radio.bandwidth_hz(kbps) * max(radio.efficiencies(), default=0) / 1e6
-        for radio, kbps in radios
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, cast
 
@@ -586,6 +587,25 @@ class Scenario(Section):
         if not self.limited_battery:
             return None
         return self.stations.charging or Constant(self.stations.full_charge_min)
+
+    @property
+    def most_bps(self) -> int:
+        """The highest rate of a request of a drone or an access point, in bit/s; 0 if unknown.
+
+        It is unknown if bandwidth is unlimited, and for radio or sharing of one's own.
+        """
+        radios: list[tuple[Any, float | None]] = [
+            (drones.radio, drones.bandwidth_kbps) for drones in self.fleet
+        ]
+        radios += [(point.radio, None) for point in self.access_points]
+        most = 0.0
+        for radio, kbps in radios:
+            if not all(
+                type(one).__module__.startswith("desim_uav.") for one in (radio, radio.sharing)
+            ):
+                return 0
+            most = max(most, radio.bandwidth_hz(kbps) * max(radio.efficiencies()) / 1e6)
+        return 0 if math.isinf(most) else math.ceil(most)
 
     @property
     def limited_battery(self) -> bool:

@@ -172,6 +172,8 @@ class LinkReplay:
         elif change > 0:
             assert work.server == -1, "served twice"
             work.server, work.since_us = drone, t_us
+        elif work.server == drone:  # it has been stopped and admitted again
+            work.since_us = t_us
 
     def _close(self, t_us: int, kind: str, user: Link, work: Work) -> None:
         """Close a request: it is complete once all is done, and not a microsecond earlier."""

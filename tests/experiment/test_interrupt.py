@@ -130,7 +130,8 @@ def test_a_run_keeps_its_finished_episodes():
     )
     assert code == 130
     assert err == (
-        "desim-uav: interrupted; the finished episodes are kept: runs/tiny-stuck-Stuck-s1\n"
+        "desim-uav: interrupted; the finished episodes are kept: runs/tiny-stuck-Stuck-s1 "
+        "(--resume goes on)\n"
     )
     folder = Path(json.loads(out)["run_dir"])
     assert [path.name for path in folder.parent.iterdir()] == [folder.name]

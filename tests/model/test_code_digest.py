@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from types import FunctionType, ModuleType
+from typing import Any
 
 import numba
 import numpy as np
 import pytest
 
+from desim_uav.learning import fused
 from desim_uav.model import compiled_queues, compiled_rows, numba_parts
 from desim_uav.model.code_digest import code_digest
 from desim_uav.model.rows import Row, row
@@ -232,3 +236,24 @@ def test_the_kernels_of_the_engine_are_over_rows(monkeypatch: pytest.MonkeyPatch
     after = [code_digest(kernel.py_func) for kernel in kernels]
     assert len(kernels) > 3
     assert all(one != other for one, other in zip(before, after, strict=True))
+
+
+def test_the_lines_count_where_faults_name_them():
+    digests = []
+    for source in (BEGINNING, f"# a comment\n{BEGINNING}"):
+        space: dict[str, Any] = {"__name__": "mine"}
+        run(source, space)
+        digests.append([code_digest(space["f"], placed) for placed in (False, True)])
+    (one, placed), (other, placed_elsewhere) = digests
+    assert one == other and len({one, placed, placed_elsewhere}) == 3
+
+
+def test_the_digest_is_the_same_in_another_process():
+    program = (
+        "from desim_uav.learning.fused import play\n"
+        "from desim_uav.model.code_digest import code_digest\n"
+        "print(code_digest(play.py_func))"
+    )
+    told = [sys.executable, "-c", program]
+    made = subprocess.run(told, check=True, capture_output=True, text=True).stdout.strip()
+    assert made == code_digest(getattr(fused.play, "py_func", fused.play))

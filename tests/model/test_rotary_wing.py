@@ -7,11 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from desim_uav.errors import ScenarioError
 from desim_uav.model.fixed_wing import FixedWing
 from desim_uav.model.motion import REST, BangCoastBang, Transit
-from desim_uav.model.propulsion.rotary_wing import ROTORS, powers_of
+from desim_uav.model.propulsion.rotary_wing import ROTORS, derived, powers_of, rotor_of, whole
 from desim_uav.model.rotary_wing import RotaryWing
-from desim_uav.scenario.load import loads, to_plain
+from desim_uav.scenario.doubts import doubts
+from desim_uav.scenario.load import dump, loads, to_plain
 from tests.model.test_propulsion import integrated, power_w
 
 ZENG = RotaryWing()
@@ -166,11 +168,95 @@ def test_a_scenario_that_is_written_reads_the_same():
         "parameters": "zeng2019",
         "climb": True,
         "electronics_w": 3.0,
+        "mass_kg": None,
+        "hover_w": None,
+        "hover_min": None,
         "return_below": 0.2,
         "on_crash": "respawn",
         "respawn_after_min": 10.0,
     }
     rotor = ROTORS["zeng2018"]._asdict()
     own = loads(f"drones: {{battery: {{kind: rotary_wing, parameters: {rotor}}}}}")
-    assert own.drones.battery.hover_w == RotaryWing(parameters="zeng2018").hover_w
+    assert own.drones.battery.rest_w == RotaryWing(parameters="zeng2018").rest_w
     assert to_plain(own)["drones"]["battery"]["parameters"] == rotor
+
+
+NOT_GIVEN = {"disc_area_m2": None, "tip_speed_mps": None, "induced_speed_mps": None}
+
+
+def test_what_follows_from_other_parameters_is_derived():
+    short = ROTORS["zeng2018"]._replace(**NOT_GIVEN)
+    rotor = whole(short)
+    assert rotor.disc_area_m2 == pytest.approx(math.pi * 0.25)
+    assert rotor.tip_speed_mps == 200.0
+    assert rotor.induced_speed_mps == pytest.approx(math.sqrt(100 / (2.45 * rotor.disc_area_m2)))
+    assert powers_of(short) == powers_of(rotor)
+    text = {key: value for key, value in short._asdict().items() if key not in NOT_GIVEN}
+    own = loads(f"drones: {{battery: {{kind: rotary_wing, parameters: {text}}}}}").drones.battery
+    assert own.powers == powers_of(short)
+    assert loads(dump(loads(f"drones: {{battery: {{kind: rotary_wing, parameters: {text}}}}}")))
+    for named in ROTORS.values():
+        assert whole(named) == named
+        assert derived(named) == pytest.approx(named[-3:], rel=0.01)
+
+
+def test_a_rotor_from_a_datasheet():
+    """Its hover takes the power that was given; that of Table I comes out of its own numbers."""
+    like = whole(ROTORS["zeng2019"]._replace(**NOT_GIVEN))
+    assert rotor_of(20.0 / 9.81, sum(powers_of(like)[:2])) == pytest.approx(like, rel=1e-12)
+    for mass_kg, hover_w in ((0.249, 40.0), (0.895, 115.5), (6.3, 700.0)):
+        rotor = rotor_of(mass_kg, hover_w)
+        assert sum(powers_of(rotor)[:2]) == pytest.approx(hover_w, rel=1e-12)
+        assert rotor[-3:] == pytest.approx(derived(rotor), rel=1e-12)
+        battery = RotaryWing(
+            capacity_wh=77.0, mass_kg=mass_kg, hover_w=hover_w + 5, electronics_w=5
+        )
+        assert battery.rest_w == pytest.approx(hover_w + 5, rel=1e-12)
+        assert battery.lifts_n == pytest.approx(9.81 * mass_kg)
+        assert list(battery.doubts(0.0)) == []
+    battery = RotaryWing(capacity_wh=77.0, mass_kg=0.895, hover_min=40.0)
+    assert battery.autonomy_min == pytest.approx(40.0, rel=1e-12)
+    assert battery.lasts(REST, battery.capacity_uj) == pytest.approx(2.4e9, abs=2)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("mass_kg: 1", "mass_kg needs either hover_w or hover_min"),
+        ("hover_w: 100", "hover_w needs mass_kg"),
+        ("hover_min: 30", "hover_min needs mass_kg"),
+        ("mass_kg: 1, hover_w: 100, hover_min: 30", "mass_kg needs either hover_w or hover_min"),
+        ("mass_kg: 1, hover_w: 100, parameters: zeng2018", "give parameters, or mass_kg"),
+        ("mass_kg: 1, hover_w: 100, electronics_w: 100", "must be more than electronics_w, 100"),
+        ("mass_kg: 0, hover_w: 100", "mass_kg: 0: must be at least 0.001"),
+        ("mass_kg: 1, hover_w: -5", "hover_w: -5: must be at least 0.001"),
+        ("mass_kg: 1, hover_min: long", 'hover_min: "long": must be a number'),
+    ],
+)
+def test_datasheets_that_are_refused(given, words):
+    with pytest.raises(ScenarioError, match=r"^mine:1:") as refused:
+        loads(f"drones: {{battery: {{kind: rotary_wing, {given}}}}}", source="mine")
+    assert words in str(refused.value)
+
+
+def test_parameters_that_contradict_each_other_are_told_with_both_numbers():
+    """A tip speed of 500 m/s with a rotor that gives 84 m/s was taken without a word."""
+    rotor = whole(ROTORS["zeng2019"]._replace(**NOT_GIVEN, rotor_radius_m=0.28))
+    wrong = rotor._replace(tip_speed_mps=500.0, induced_speed_mps=4.03)
+    tip, flow = RotaryWing(parameters=wrong).doubts(0.0)
+    assert tip.startswith("parameters.tip_speed_mps: 500: Ω R = 84 by the other parameters")
+    assert flow.startswith("parameters.induced_speed_mps: 4.03: sqrt(W / 2 ρ A) = 5.757")
+    scenario = loads(f"drones: {{battery: {{kind: rotary_wing, parameters: {wrong._asdict()}}}}}")
+    assert [doubt.split(": ")[0] for doubt in doubts(scenario)] == [
+        "drones.battery",
+        "drones.battery",
+    ]
+
+
+def test_a_hover_in_wind_is_told_if_it_lasts_much_longer():
+    (doubt,) = ZENG.doubts(12.0)
+    assert "in the wind of 12 m/s a hover takes 127.8 W instead of 168.5 W" in doubt
+    assert "32 % longer" in doubt
+    assert list(ZENG.doubts(6.0)) == []
+    (doubt,) = ZENG.doubts(25.0)
+    assert "less long" in doubt

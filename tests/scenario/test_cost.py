@@ -345,3 +345,41 @@ class TestLinks:
         assert "users.count, drones.count, access_points, episode.steps, drones.radio" in str(
             caught.value
         )
+
+
+VOLUMES = """
+drones: {count: 2, battery: null, radio: {kind: link_classes, sharing: %s}}
+stations: {count: 0}
+users: {count: 20}
+services: {file: {kind: transfer, volume_mbit: [200, 900], bandwidth_kbps: %s}}
+demand: {kind: dynamic, think_time_s: %s, mix: {file: 1}}
+episode: {steps: 20}
+"""
+
+
+def test_volumes_are_not_asked_for_faster_than_they_can_be_delivered():
+    """50 requests were refused as 546 GB, because the estimate looked at think times alone."""
+    scenario = loads(VOLUMES % ("equal", "null", 0.001))
+    assert cost(scenario, "batch").memory_bytes < 100e6
+    drawn = build_world(scenario, 0).requests(0, 0)
+    mean_s = 550e6 / scenario.most_bps
+    assert len(drawn.rows) == pytest.approx(20 * 1200 / mean_s, rel=0.2)
+
+
+@pytest.mark.parametrize("sharing", ["equal", "max_rate", "held"])
+def test_all_requests_that_can_be_made_are_drawn(sharing, monkeypatch):
+    """Without the bound on rates, more are drawn, and the same are made."""
+    held = "[8000]" if sharing == "held" else "null"
+    tables = []
+    for bounded in (True, False):
+        scenario = loads(VOLUMES % (sharing, held, 2.0))
+        if not bounded:
+            monkeypatch.setattr(type(scenario), "most_bps", 0)
+        world = build_world(scenario, 0)
+        engine = make_engine("batch", world, RunSettings((True,) * 2, False, keep_events=True))
+        snapshot = engine.reset(draw(world, 3, 0))
+        while not snapshot.truncated:
+            snapshot = engine.step([4, 4])
+        tables.append((len(world.requests(3, 0).rows), engine.log.events))
+    assert tables[0][1] == tables[1][1]
+    assert tables[0][0] < tables[1][0]

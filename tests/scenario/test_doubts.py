@@ -293,3 +293,14 @@ def test_a_map_in_3d_with_one_level():
     assert "map.levels.max_altitude_m adds levels" in doubt
     assert list(doubts(loads("map: {obstacles: null, levels: {max_altitude_m: 60}}"))) == []
     assert list(doubts(loads("map: {dimensions: 2}"))) == []
+
+
+def test_losses_that_were_fitted_at_another_carrier():
+    radio = "drones: {radio: {kind: link_classes, carrier_ghz: %s, path_loss: %s}}"
+    town = "{kind: al_hourani, environment: urban}"
+    (doubt,) = doubts(loads(radio % (28, town)))
+    assert doubt.startswith("drones.radio.path_loss: the numbers of 'urban' are for 2 GHz")
+    assert "carrier_ghz is 28" in doubt
+    own = "{kind: al_hourani, a: 9.6, b: 0.16, eta_los_db: 1, eta_nlos_db: 25}"
+    for carrier_ghz, loss in ((2, town), (3.5, town), (28, own)):
+        assert list(doubts(loads(radio % (carrier_ghz, loss)))) == []

@@ -135,6 +135,9 @@ ADDRESSES = 3 + OUTPUTS
 """The number of columns of a table of environments, which hold the addresses of constants, sample
 path and state, and of the arrays of ``OutputRow``."""
 
+OVER = 7
+"""The column of the address of ``OutputRow.over``."""
+
 COUNTED = len(MEASURES) + len(COUNTS)
 NUMBERS = COUNTED + len(OF_STEP)
 """Where OF_STEP begins in ``OutputRow.numbers``, after MEASURES and COUNTS, and where it ends,
@@ -178,7 +181,10 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
             world, own = constants_at(row[0]), state_at(row[2])
             for d in range(commands.shape[1]):
                 own.drones[d].command = commands[k, d]
+            over = bytes_at(row[OVER], 3)
+            over[2] = True  # in case that a component of one's own fails
             call(world.run, (world, path_at(row[1]), own, STEP))
+            over[2] = False
     return look_at_all(environments, which)
 
 
@@ -194,7 +200,10 @@ def begin_all(environments: Ints, afresh: NDArray[np.bool_]) -> int:
         if afresh[k]:
             call(world.run, (world, path, own, START_AFRESH))
         _keep_begun(own)
+        over = bytes_at(row[OVER], 3)
+        over[2] = True
         call(world.run, (world, path, own, RESET))
+        over[2] = False
     stopped = 0
     for k in range(len(environments)):
         stopped += _look_at_row(environments[k])
@@ -240,16 +249,18 @@ def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
 @rare_rule
 def _look_at_row(row: Ints) -> int:
     """Write the outputs of an environment, given its row; return whether a fault has stopped it."""
+    world, state = constants_at(row[0]), state_at(row[2])
+    drones, terms = len(state.drones), len(state.drones[0].terms)
     outputs = OutputRow(
-        floats_at(row[3], 0),
-        bytes_at(row[4], 0),
-        floats_at(row[5], 0),
-        floats_at(row[6], 0),
-        bytes_at(row[7], 0),
-        floats_at(row[8], 0),
-        floats_at(row[9], 0),
+        floats_at(row[3], drones * world.features),
+        bytes_at(row[4], len(state.masks)),
+        floats_at(row[5], 1),
+        floats_at(row[6], NUMBERS + terms),
+        bytes_at(row[7], 3),
+        floats_at(row[8], drones),
+        floats_at(row[9], drones * (4 + terms)),
     )
-    stopped: int = _look_at(constants_at(row[0]), state_at(row[2]), outputs)
+    stopped: int = _look_at(world, state, outputs)
     return stopped
 
 
@@ -276,7 +287,8 @@ def state_all(environments: Ints, places: NDArray[np.float64], out: NDArray[np.f
 
 @rule
 def _look_at(world: Constants, state: State, outputs: OutputRow) -> int:
-    numbers = outputs.numbers
+    numbers, over = outputs.numbers, outputs.over
+    over[2] = True  # in case that the observation fails
     numbers[0] = state.now_us / 1_000_000
     first, second, third = requests.measures(world, state)
     numbers[1], numbers[2], numbers[3] = _number(first), _number(second), _number(third)
@@ -290,7 +302,6 @@ def _look_at(world: Constants, state: State, outputs: OutputRow) -> int:
             observations[begins + k] = own[k]
     _count(world, state, outputs)
     _pay(state, outputs)
-    over = outputs.over
     stopped = int(state.faults != 0)
     over[0], over[1], over[2] = state.terminated, state.truncated, stopped
     return stopped

@@ -18,7 +18,7 @@ from desim_uav.rules.points import on_renewal
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Constants, Path, State
 from desim_uav.rules.settle import on_turn, settle
-from desim_uav.rules.words import ATTACHMENT, OUT_OF_MEMORY, QUEUED, RECORD, RESPAWN
+from desim_uav.rules.words import ATTACHMENT, OUT_OF_MEMORY, QUEUED, RECORD, RESPAWN, UNFINISHED
 
 START_AFRESH, RESET, STEP = range(3)
 """The tasks of ``run``: put the drones at their starts, begin an episode, or run a step."""
@@ -35,7 +35,11 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
         return
     if what == RESET:
         begin(world, path, state)
+        state.faults |= UNFINISHED
+    elif state.faults & UNFINISHED:
+        return  # an error has ended an earlier step of this episode
     else:
+        state.faults |= UNFINISHED
         state.events.clear()
         state.closed.clear()
         state.handovers.clear()
@@ -46,6 +50,7 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
         show_first(world, path, state)
     else:
         end_step(world, path, state)
+    state.faults &= ~UNFINISHED
     if _overrun(state):
         state.faults |= OUT_OF_MEMORY
 

@@ -13,7 +13,6 @@ import numpy as np
 from desim_uav.copies import Unchanging, owned
 from desim_uav.engine.air import Room, fits_between, set_air, set_memory, set_room, windows_for
 from desim_uav.engine.base import RunSettings
-from desim_uav.engine.compiled.bounds import too_large
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
     RADIO_SLOTS,
@@ -24,6 +23,7 @@ from desim_uav.engine.compiled.components import (
     point_at,
     why_not_compiled,
 )
+from desim_uav.engine.compiled.largest_sums import too_large
 from desim_uav.engine.compiled.slots import tournaments
 from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of

@@ -28,7 +28,7 @@ from desim_uav.model.rows import View, Words, array_of, dtype_of, held_by, is_ro
 from desim_uav.model.state import Snapshot
 from desim_uav.model.walking import misstep, walking_of
 from desim_uav.rules.rows import Constants, Drone, Look, Plan, State, Station
-from desim_uav.rules.words import LOST, OUT_OF_MEMORY
+from desim_uav.rules.words import LOST, OUT_OF_MEMORY, UNFINISHED
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.scenario.components import code_of, own_classes
 from desim_uav.world import World
@@ -293,6 +293,8 @@ class BatchSimulation(Engine):
     def check_components(self) -> None:
         """Raise SimulationError if a component has broken its contract."""
         super().check_components()
+        if self.state.faults & UNFINISHED:
+            raise SimulationError("an earlier step of this episode has failed: reset it")
         if self.state.faults & LOST:
             mobility: Any = self.world.row_mobility
             model: Any = type(mobility)

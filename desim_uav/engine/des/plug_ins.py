@@ -3,43 +3,69 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from desim_uav.engine.constants import transits_of
 from desim_uav.engine.des.free import transit_of
 from desim_uav.model.admission import RowAdmission
-from desim_uav.model.battery import Energy
+from desim_uav.model.battery import Energy, RowEnergy
+from desim_uav.model.bounds import naming, owner_of
+from desim_uav.model.charging import RowCharging
 from desim_uav.model.components import over_rows, works_on_rows
 from desim_uav.model.motion import Transit
 from desim_uav.model.observations import RowObservation
 from desim_uav.model.rewards import RowReward
+from desim_uav.model.sharing import RowSharing
 from desim_uav.model.sums import in_order
 from desim_uav.rules.admission import admit, turn_away
 from desim_uav.rules.rewards import add_up, clear_terms, give
 from desim_uav.world import World
 
 
+def own_over_rows(world: World) -> bool:
+    """Return whether some component of a world that works on rows is one's own."""
+    own = [world.scenario.reward, world.scenario.observation, world.charging]
+    own += [part for one in world.scenario.fleet for part in (one.admission, one.battery)]
+    own += [links.radio.sharing for links in world.links]
+    return any(isinstance(one, ROW_BASES) and owner_of(type(one)) for one in own)
+
+
+ROW_BASES = (RowReward, RowObservation, RowCharging, RowAdmission, RowEnergy, RowSharing)
+
+
+def _method(component: Any, name: str, world: World) -> Callable[..., Any]:
+    """Return a method of a component over rows, whose faults name the component."""
+    method: Callable[..., Any] = getattr(over_rows(component, world.services.names), name)
+    return naming(owner_of(type(component)), method)
+
+
+def _methods(component: Any, base: Any, names: Sequence[str], world: World) -> list[Any]:
+    """Return methods of a component that may work on rows; if it is one's own, see ``_method``."""
+    if owner_of(type(component)) and works_on_rows(component, base):
+        return [_method(component, name, world) for name in names]
+    return [getattr(component, name) for name in names]
+
+
 def set_components(constants: Any, world: World) -> None:
     """Set the fields of the constants that are functions to the scenario's components."""
     flights = dict(zip(map(id, constants.transits), transits_of(world), strict=True))
     for own, drones in zip(constants.types, world.scenario.fleet, strict=True):
-        own.scan = _scan(drones.admission, world.services.names)
+        own.scan = _scan(drones.admission, world)
         if drones.battery is not None:
-            own.drained_us, own.lasts_us = _energy(drones.battery, flights)
+            own.drained_us, own.lasts_us = _energy(drones.battery, world, flights)
     for radio, links in zip(constants.radios, world.links, strict=True):
-        radio.divide = over_rows(links.radio.sharing, world.services.names).divide
+        radio.divide = _method(links.radio.sharing, "divide", world)
     constants.pay = _pay(world)
     constants.describe = _describe(world)
     if constants.limited:
         constants.charged, constants.until_full_us = _charging(world)
 
 
-def _scan(rule: Any, services: tuple[str, ...]) -> Callable[..., None]:
+def _scan(rule: Any, world: World) -> Callable[..., None]:
     """Return a function that applies an admission rule to a drone's queue."""
     if works_on_rows(rule, RowAdmission):
-        scan_rows: Callable[..., None] = over_rows(rule, services).scan_rows
-        return scan_rows
+        return _method(rule, "scan_rows", world)
 
     def scan(constants: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
         if not drone.waiting:
@@ -59,12 +85,12 @@ def _pay(world: World) -> Callable[..., None]:
     """Return a function that writes the rewards of all drones for a step."""
     reward: Any = world.scenario.reward
     if works_on_rows(reward, RowReward):
-        by_rows = over_rows(reward, world.services.names)
+        pay_one = _method(reward, "pay", world)
 
         def pay(constants: Any, state: Any) -> None:
             for drone in state.drones:
                 clear_terms(drone)
-                by_rows.pay(constants, state, drone)
+                pay_one(constants, state, drone)
                 add_up(state, drone)
 
         return pay
@@ -89,42 +115,45 @@ def _describe(world: World) -> Callable[..., None]:
     """Return a function that writes all drones' features, if the observation works on rows."""
     observation: Any = world.scenario.observation
     by_rows = works_on_rows(observation, RowObservation)
-    if by_rows:
-        observation = over_rows(observation, world.services.names)
+    write = _method(observation, "write", world) if by_rows else None
 
     def describe(constants: Any, state: Any) -> None:
-        if by_rows:
+        if write is not None:
             for drone in state.drones:
-                observation.write(constants, state, drone)
+                write(constants, state, drone)
 
     return describe
 
 
 def _energy(
-    energy: Energy, flights: Mapping[int, Transit]
+    energy: Energy, world: World, flights: Mapping[int, Transit]
 ) -> tuple[Callable[..., int], Callable[..., int]]:
     """Return the functions ``drained_us`` and ``lasts_us`` of an energy model.
 
     ``flights`` are the transits by the identities of their rows.
     """
+    drained, lasts = _methods(energy, RowEnergy, ("drained_us", "lasts_us"), world)
 
     def drained_us(own: Any, transit: Any, elapsed_us: int) -> int:
-        return energy.drained_us(flights.get(id(transit)) or transit_of(transit), elapsed_us)
+        used: int = drained(flights.get(id(transit)) or transit_of(transit), elapsed_us)
+        return used
 
     def lasts_us(own: Any, transit: Any, battery_us: int) -> int:
-        return energy.lasts_us(flights.get(id(transit)) or transit_of(transit), battery_us)
+        left_us: int = lasts(flights.get(id(transit)) or transit_of(transit), battery_us)
+        return left_us
 
     return drained_us, lasts_us
 
 
 def _charging(world: World) -> tuple[Callable[..., int], Callable[..., int]]:
     """Return the functions ``charged`` and ``until_full_us`` of the stations."""
-    charging: Any = world.charging
+    names = ("charged", "until_full_us")
+    charge, time_to_full = _methods(world.charging, RowCharging, names, world)
 
     def charged(constants: Any, battery: int, elapsed_us: int, capacity: int) -> int:
-        return int(charging.charged(battery, elapsed_us, capacity))
+        return int(charge(battery, elapsed_us, capacity))
 
     def until_full_us(constants: Any, battery: int, capacity: int) -> int:
-        return int(charging.until_full_us(battery, capacity))
+        return int(time_to_full(battery, capacity))
 
     return charged, until_full_us

@@ -15,7 +15,7 @@ from desim_uav.engine.des.crossings import Changes, last_first
 from desim_uav.engine.des.free import set_free, transit_of
 from desim_uav.engine.des.in_air import InAir
 from desim_uav.engine.des.plans import Plans
-from desim_uav.engine.des.plug_ins import set_components
+from desim_uav.engine.des.plug_ins import own_over_rows, set_components
 from desim_uav.engine.des.processes import Processes
 from desim_uav.engine.des.separation import Separation
 from desim_uav.engine.episode import Engine
@@ -24,7 +24,7 @@ from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.asking import Requests
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.motion import REST as REST_FLIGHT
-from desim_uav.model.rows import Table, blank, fill
+from desim_uav.model.rows import Table, blank, bound, fill
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rules.air import keeps_rings
 from desim_uav.rules.due import key, slots
@@ -75,6 +75,7 @@ class Simulation(Engine):
         self.audit = audit
         self._before: Carried | None = None
         self.transits = transits_of(world)
+        self._bounds = own_over_rows(world)
         self.constants = self._constants()
         self.state = self._state()
         self.drones = self.state.drones
@@ -144,6 +145,8 @@ class Simulation(Engine):
     def _start_clock(self, now_us: int) -> None:
         """Make a new event queue, in which nothing is scheduled yet."""
         after_event = None if self.audit is None else self._after_event
+        if self._bounds:
+            bound(self.constants, self.own_path, self.state)
         self.clock = self.state.clock = Clock(slots(self.state), after_event, now_us)
         self._processes = Processes(self.clock, self.constants, self.own_path, self.state)
 

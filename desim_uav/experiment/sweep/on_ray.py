@@ -18,6 +18,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from desim_uav.available import processors
 from desim_uav.errors import MissingExtraError, UsageError
 
 RETRIES = 3
@@ -126,6 +127,7 @@ def _connected(ray: Any, address: str | None, quiet: bool) -> Iterator[None]:
     quietly: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     if address is None:
         quietly["include_dashboard"] = False
+        quietly["num_cpus"] = processors()  # Ray itself does not see the limits of a batch job
     try:
         ray.init(address or "local", **quietly)
     except Exception as error:  # ConnectionError, ValueError, RuntimeError, gRPC's own

@@ -30,12 +30,8 @@ class Rotor(NamedTuple):
     """The density of the air, ρ, in kg/m³."""
     rotor_radius_m: Annotated[float, Ge(1e-3), Le(100)]
     """The radius of a rotor, R, in metres."""
-    disc_area_m2: Annotated[float, Ge(1e-6), Le(1e5)]
-    """The area of the rotor's disc, A, in m²."""
     blade_speed_rad_s: Annotated[float, Ge(1e-3), Le(1e5)]
     """The angular speed of the blades, Ω, in rad/s."""
-    tip_speed_mps: Annotated[float, Ge(1e-3), Le(1e5)]
-    """The speed of the blades' tips, U, in m/s: Ω R."""
     solidity: Annotated[float, Gt(0), Le(1)]
     """The solidity of the rotor, s: the share of the disc that the blades cover, b c / π R."""
     profile_drag: Annotated[float, Gt(0), Le(1)]
@@ -44,15 +40,74 @@ class Rotor(NamedTuple):
     """The ratio of the fuselage's drag, d0: its flat-plate area over s A."""
     induced_factor: Annotated[float, Ge(0), Le(10)]
     """The correction of induced power, k."""
-    induced_speed_mps: Annotated[float, Ge(1e-3), Le(1e4)]
-    """The mean speed of the induced flow in a hover, v0, in m/s."""
+    disc_area_m2: Annotated[float, Ge(1e-6), Le(1e5)] | None = None
+    """The area of the rotor's disc, A, in m²; null means π R²."""
+    tip_speed_mps: Annotated[float, Ge(1e-3), Le(1e5)] | None = None
+    """The speed of the blades' tips, U, in m/s; null means Ω R."""
+    induced_speed_mps: Annotated[float, Ge(1e-3), Le(1e4)] | None = None
+    """The mean speed of the induced flow in a hover, v0, in m/s; null means sqrt(W / 2 ρ A)."""
+
+
+class Derived(NamedTuple):
+    """What follows from the other parameters of a rotor: A, U and v0."""
+
+    disc_area_m2: float
+    tip_speed_mps: float
+    induced_speed_mps: float
+
+
+def derived(rotor: Rotor) -> Derived:
+    """Return what follows from the other parameters; v0 follows from the area that is given."""
+    radius_m = rotor.rotor_radius_m
+    area_m2 = math.pi * radius_m * radius_m
+    pushed = 2.0 * rotor.air_density_kg_m3 * (rotor.disc_area_m2 or area_m2)
+    return Derived(area_m2, rotor.blade_speed_rad_s * radius_m, math.sqrt(rotor.weight_n / pushed))
+
+
+def whole(rotor: Rotor) -> Rotor:
+    """Return a rotor with the parameters that are not given, which follow from the others."""
+    follows = derived(rotor)._asdict()
+    return rotor._replace(
+        **{key: value for key, value in follows.items() if getattr(rotor, key) is None}
+    )
 
 
 ROTORS = {
-    "zeng2019": Rotor(20.0, 1.225, 0.4, 0.503, 300.0, 120.0, 0.05, 0.012, 0.6, 0.1, 4.03),
-    "zeng2018": Rotor(100.0, 1.225, 0.5, 0.79, 400.0, 200.0, 0.05, 0.012, 0.3, 0.1, 7.2),
+    "zeng2019": Rotor(20.0, 1.225, 0.4, 300.0, 0.05, 0.012, 0.6, 0.1, 0.503, 120.0, 4.03),
+    "zeng2018": Rotor(100.0, 1.225, 0.5, 400.0, 0.05, 0.012, 0.3, 0.1, 0.79, 200.0, 7.2),
 }
 """The parameters of Table I, and those of the paper's first version (arXiv 1804.02238v1)."""
+
+
+GRAVITY_MPS2 = 9.81
+"""The acceleration of gravity, by which a mass has a weight."""
+
+
+def rotor_of(mass_kg: float, hover_w: float) -> Rotor:
+    """Return a rotor that lifts a mass with this power in a hover.
+
+    It has the shape of that of Table I: its solidity s, drag coefficients δ and d0, correction k
+    and ratio c = U / v0. The power of a hover is then W v0 (1 + k + δ s c³ / 16), because
+    ρ A v0² = W / 2, so the power gives v0, and v0 gives the area A = W / 2 ρ v0².
+    """
+    like, weight_n = ROTORS["zeng2019"], mass_kg * GRAVITY_MPS2
+    like = whole(like._replace(disc_area_m2=None, tip_speed_mps=None, induced_speed_mps=None))
+    assert like.tip_speed_mps is not None and like.induced_speed_mps is not None
+    ratio = like.tip_speed_mps / like.induced_speed_mps
+    per_lift = 1.0 + like.induced_factor + like.profile_drag * like.solidity * ratio**3 / 16.0
+    flow_mps = hover_w / (weight_n * per_lift)
+    area_m2 = weight_n / (2.0 * like.air_density_kg_m3 * flow_mps * flow_mps)
+    radius_m = math.sqrt(area_m2 / math.pi)
+    return whole(
+        like._replace(
+            weight_n=weight_n,
+            rotor_radius_m=radius_m,
+            blade_speed_rad_s=ratio * flow_mps / radius_m,
+            disc_area_m2=None,
+            tip_speed_mps=None,
+            induced_speed_mps=None,
+        )
+    )
 
 
 class Powers(NamedTuple):
@@ -71,6 +126,8 @@ class Powers(NamedTuple):
 
 def powers_of(rotor: Rotor) -> Powers:
     """Return the coefficients of the power of a rotor."""
+    rotor = whole(rotor)
+    assert rotor.disc_area_m2 and rotor.tip_speed_mps and rotor.induced_speed_mps
     swept = rotor.air_density_kg_m3 * rotor.solidity * rotor.disc_area_m2
     blades_mps = rotor.blade_speed_rad_s * rotor.rotor_radius_m
     blade_w = rotor.profile_drag / 8.0 * swept * blades_mps * blades_mps * blades_mps

@@ -7,6 +7,7 @@ Elevations are in degrees.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -174,6 +175,10 @@ ENVIRONMENTS: dict[Town, Environment] = {
 """The parameters of Al-Hourani, Kandeepan and Lardner 2014, at 2 GHz."""
 
 
+FITTED_GHZ = (1.0, 4.0)
+"""The carriers for which these parameters are used without a warning."""
+
+
 @register("path_loss", "al_hourani")
 @dataclass(frozen=True)
 class AlHourani(RowPathLoss):
@@ -216,6 +221,17 @@ class AlHourani(RowPathLoss):
                 object.__setattr__(self, name, value)
         if self.eta_nlos_db < self.eta_los_db:  # type: ignore[operator]
             raise ValueError("eta_nlos_db must not be below eta_los_db: excess loss is a loss")
+
+    def doubts(self, carrier_ghz: float) -> Iterator[str]:
+        """Yield whether a kind of town was fitted at a carrier far from this one."""
+        low_ghz, high_ghz = FITTED_GHZ
+        if self.environment is not None and not low_ghz <= carrier_ghz <= high_ghz:
+            yield (
+                f"the numbers of {self.environment!r} are for 2 GHz, and carrier_ghz is "
+                f"{carrier_ghz:g}: the loss of free space follows the carrier, but eta_los_db: "
+                f"{self.eta_los_db:g} and eta_nlos_db: {self.eta_nlos_db:g} do not; give a, b, "
+                "eta_los_db and eta_nlos_db for this carrier"
+            )
 
     def los_db(self: Any, distance_m: float, height_m: float, carrier_ghz: float) -> float:
         """Return the loss in free space and ``eta_los_db`` more."""
