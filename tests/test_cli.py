@@ -555,7 +555,7 @@ class TestRunRefused:
         ("policy", "part"),
         [
             ("plugged:Broken", "'plugged:Broken' failed in episode 2, step 3: KeyError: 'boom'"),
-            ("plugged:NoNumber", "failed in episode 0, step 0: ValueError"),
+            ("plugged:NoNumber", "in episode 0, step 0: it returned 'left' for drone 0"),
         ],
     )
     def test_a_policy_that_fails(self, cli_run, policy, part):
@@ -594,7 +594,8 @@ class TestEngine:
         own += ("-S", "reward={kind: 'plugged:Flat'}")
         ended = cli_run("run", "case8", *SMALL, *own, "--engine", "batch", "--out", "deep/mine")
         ended.failed(3)
-        admission, reward = (line.partition("case8.yaml: ")[2] for line in ended.err.splitlines())
+        admission, reward = (line.partition("}: ")[2] for line in ended.err.splitlines())
+        assert "override drones.admission={" in ended.err and "override reward={" in ended.err
         assert admission.startswith("drones.admission: 'Interrupting' is not compiled: ")
         assert "name 'Interrupting'" in admission or "opcode" in admission
         assert admission.endswith("; --engine des runs it")

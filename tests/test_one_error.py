@@ -1,5 +1,6 @@
 """What is given wrongly is answered with one error, which is blamed on what was wrong."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,7 @@ def _somewhere(tmp_path, monkeypatch):
         "name: mine\nstations: {count: 0}\ndrones: {battery: null}\nusers: {count: 3}\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "north_of_test", raising=False)
 
 
 @pytest.fixture

@@ -271,7 +271,9 @@ class TestScenarios:
 
     def test_an_engine_that_cannot_run_it_names_the_file(self):
         admission = {"drones.admission": {"kind": f"{__name__}:Own"}}
-        with pytest.raises(ScenarioError, match=r"tiny\.yaml: drones\.admission: 'Own'"):
+        with pytest.raises(
+            ScenarioError, match=r"^override drones\.admission=.*: drones\.admission: 'Own'"
+        ):
             du.run("tiny", admission, engine="batch")
 
 

@@ -46,12 +46,12 @@ def sweep_to_folder(
     """
     _check_backend(backend, address)
     swept = axes(asked.values)
-    if all(len(axis.values) == 1 for axis in swept):
+    tried = arms(asked, swept, say)
+    if len(tried) == 1:
         say(
-            "no key has several values, so nothing is swept: the policies are run in one scenario "
+            "no key has several values, so nothing is swept: one policy is run in one scenario "
             "(-S KEY=V,W gives a key several values)"
         )
-    tried = arms(asked, swept, say)
     todo = jobs(asked, tried)
     for warning in warnings(tried, asked.seeds):
         say(warning)
