@@ -220,7 +220,7 @@ def cause_of(error: Exception, component: Any) -> str:
 
 def _fields_instead(line: str) -> str:
     """Return the fields of a row, if Numba's message names a field that it does not have."""
-    found = re.search(r"Unknown attribute '(\w+)' of type ([\w.]+)\.(\w+?)[0-9a-f]{8}$", line)
+    found = re.search(r"Unknown attribute '(\w+)' of type ([\w.]+)\.(\w+?)[0-9a-f]{8}\b", line)
     if found is None:
         return ""
     row_class = getattr(sys.modules.get(found[2]), found[3], None)
