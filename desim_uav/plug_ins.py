@@ -41,7 +41,7 @@ class Admission:
         """
         if self._refuses:
             raise ValueError(REFUSED)
-        folder = _folder_of(name.partition(":")[0].partition(".")[0]) if self._says else None
+        folder = _folder_of(name.rpartition(":")[0]) if self._says else None
         if folder is None or folder in self._said:
             return
         self._said.add(folder)
@@ -52,8 +52,14 @@ class Admission:
 ADMISSION = Admission()
 
 
-def _folder_of(package: str) -> Path | None:
-    """Return the folder of a module or package without importing it; None if there is no file."""
+def _folder_of(module: str) -> Path | None:
+    """Return the folder of a module's package, or of its file, without importing it.
+
+    ``module`` is its name or the path of its file. Returns None if there is no file.
+    """
+    if module.endswith(".py"):
+        return Path(module).resolve().parent
+    package = module.partition(".")[0]
     with suppress(ImportError, ValueError, AttributeError, OSError):
         spec = importlib.util.find_spec(package)
         places = [spec.origin] if spec and spec.has_location else []

@@ -219,7 +219,8 @@ def _import_class(name: str) -> type:
         module = _imported(module_name)
         if not hasattr(module, class_name):
             classes = [key for key, one in vars(module).items() if isinstance(one, type)]
-            raise _NotThereError(f"it has no {class_name!r}{did_you_mean(class_name, classes)}")
+            nearest = did_you_mean(class_name, classes)
+            raise _NotThereError(f"{module_name!r} has no {class_name!r}{nearest}")
         found = getattr(module, class_name)
     except _NotThereError as error:
         raise ValueError(f"cannot import {name!r}: {error}") from error

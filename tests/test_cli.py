@@ -510,7 +510,7 @@ class TestRunRefused:
             ("", ["unknown policy ''"]),
             ("hover:3", ["policy 'hover:3'"]),
             ("no_such_module:Class", ["ModuleNotFoundError"]),
-            ("plugged:Nothing", ["it has no 'Nothing'"]),
+            ("plugged:Nothing", ["has no 'Nothing'"]),
             ("plugged:function", ["is not a class"]),
             ("plugged:NoPolicy", ["no method 'begin'"]),
             ("script:", ["a script needs its file"]),

@@ -116,7 +116,10 @@ class TestPolicies:
             ("basline", "unknown policy 'basline' (did you mean 'baseline'?)"),
             ("./north_of_test.py", "name the class in this file, too: ./north_of_test.py:Class"),
             ("./nope.py:North", "cannot import './nope.py:North': no such file"),
-            ("./north_of_test.py:Nort", "it has no 'Nort' (did you mean 'North'?)"),
+            (
+                "./north_of_test.py:Nort",
+                "has no 'Nort' (did you mean 'North'?)",
+            ),
             ("north_of_test:Half", "it has no attribute 'ceiling'; write ceiling = True"),
         ],
     )

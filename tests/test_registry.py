@@ -118,9 +118,13 @@ class TestPlugIns:
             ("no_such_module_anywhere:Class", None, "ModuleNotFoundError"),
             ("broken_syntax:Class", "def (", "SyntaxError"),
             ("broken_import:Class", "1 / 0", "ZeroDivisionError: division by zero"),
-            ("no_such_class:Clas", "class Class:\n    pass\n", "AttributeError.*'Clas'"),
-            ("too_many:parts:Class", "class Class:\n    pass\n", "AttributeError"),
-            ("no_class_named:", "", "AttributeError"),
+            (
+                "no_such_class:Clas",
+                "class Class:\n    pass\n",
+                "has no 'Clas' .did you mean 'Class'",
+            ),
+            ("too_many:parts:Class", "class Class:\n    pass\n", "ModuleNotFoundError"),
+            ("no_class_named:", "", "'no_class_named' has no ''"),
             (":Class", None, "ValueError: Empty module name"),
         ],
     )

@@ -450,7 +450,7 @@ class TestRefused:
         flags = ("--policies", "hover,random", "--seeds", 2, *SHORT, "--out", "v.csv")
         cli_run("compare", "case8", *flags, *own).failed(
             3,
-            "case8.yaml: drones.admission: 'Own' is not compiled: it does not work on rows; "
+            "drones.admission: 'Own' is not compiled: it does not work on rows; "
             "--engine des runs it",
         )
         assert list(Path.cwd().iterdir()) == []

@@ -340,7 +340,7 @@ def test_the_exit_code_of_a_misfit(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setattr(sys, "argv", ["desim-uav", "run", "case8", "--policy", f"sb3:{tiny}"])
-    monkeypatch.setattr(cli.runs, "end_politely", lambda: None)
+    monkeypatch.setattr(sys.modules["desim_uav.cli.main"], "end_politely", lambda: None)
     with pytest.raises(SystemExit) as end:
         cli.main()
     assert end.value.code == 4
