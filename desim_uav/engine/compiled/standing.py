@@ -132,11 +132,11 @@ def recall(world: Constants, state: State, drone: Drone) -> None:
     if count > ahead.buffer:
         set_word(ahead, 3, 1)
         count = 0
+    set_word(ahead, 1, count)
     for k in range(count):
         known, change = world.known[first + k], ahead[k]
         change.t_us = state.now_us + known.t_us
         change.user, change.change = known.user, known.change
-    set_word(ahead, 1, count)
 
 
 @rule
