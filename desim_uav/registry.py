@@ -138,6 +138,8 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 def what_failed(error: BaseException) -> str:
     """Return an error's message, with the file and line of the user's own code that raised it."""
+    if isinstance(error, DesimError):  # whose messages are whole
+        return str(error)
     frames = [(frame.f_code, line) for frame, line in traceback.walk_tb(error.__traceback__)]
     own = [at for at in frames if at[0].co_filename in _PLUG_INS] or [
         at for at in frames if _is_foreign(at[0])

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +31,8 @@ def place_of(part: Any) -> str:
     """The end of the message of a fault in this class or function: file, line and function."""
     lines, first = inspect.getsourcelines(part)
     (line,) = [first + k for k, text in enumerate(lines) if text.endswith("# here\n")]
-    names = [text.split("(")[0].strip()[4:] for text in lines if text.strip().startswith("def ")]
+    before = [text.strip() for text in lines[: line - first]]
+    names = [text.split("(")[0][4:] for text in before if text.startswith("def ")]
     name = part.__qualname__ + ("" if inspect.isfunction(part) else f".{names[-1]}")
     return f"({__file__}:{line}, in {name})"
 
@@ -175,7 +177,8 @@ class Sharing(RowSharing):
     at: int = -1
 
     def divide(self, world: Any, state: Any, drone: Any, phase: int) -> None:
-        state.users[drone.sharing[self.at]].used_hz = drone.free_hz  # here
+        if state.users[drone.sharing[self.at]].holder > 1000:  # here
+            drone.waiting.clear()
 
 
 @dataclass(frozen=True)
@@ -212,15 +215,14 @@ class AskingForMore(RowDemand):
 
 @dataclass(frozen=True)
 class Losing(FreeSpace):
-    """Look up a loss that it does not have, far away."""
+    """Look up a loss that it does not have."""
 
     at: int = -1
     losses: tuple[float, ...] = (1.0, 2.0)
 
     def los_db(self, distance_m: float, height_m: float, carrier_ghz: float) -> float:
-        if self.at == 0:
-            return 20.0
-        return self.losses[self.at]  # here
+        extra_db = 0.0 * self.losses[self.at]  # here
+        return 20.0 * math.log10(max(distance_m, 1.0)) + 40.0 + extra_db
 
     def slope(self, distance_m: float, height_m: float, within_m: float) -> tuple[float, float]:
         return 1e3, 1e3

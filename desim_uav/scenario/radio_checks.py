@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from desim_uav.model.components import over_rows
 from desim_uav.model.demand import Continuous, Trace
 from desim_uav.model.radio.levels import problem_of_bounds, why_not_compiled
 from desim_uav.model.radio.path_loss import RowPathLoss
@@ -177,9 +179,11 @@ def losses_can_be_used(scenario: Scenario) -> Iterator[Finding]:
 
 def _problem_of_loss(scenario: Scenario, links: Links) -> str:
     """Return why a path loss cannot be used; one of one's own must keep its bounds, too."""
-    radio, lowest_m = links.radio, links.lowest_m - _tallest_user_m(scenario)
+    lowest_m = links.lowest_m - _tallest_user_m(scenario)
     if lowest_m <= 0.0:
         return ""
+    own = over_rows(links.radio.path_loss, ())  # whose indices are checked
+    radio = replace(links.radio, path_loss=own)
     for height_m in dict.fromkeys((lowest_m, links.highest_m)):
         problem = _problem_of_rings(radio, height_m)
         if problem:
@@ -187,8 +191,8 @@ def _problem_of_loss(scenario: Scenario, links: Links) -> str:
     if radio.path_loss.is_built_in() or not searches(scenario, links):
         return ""
     try:
-        return problem_of_bounds(radio.path_loss, float(radio.carrier_ghz)) or why_not_compiled(
-            radio.path_loss
+        return problem_of_bounds(own, float(radio.carrier_ghz)) or why_not_compiled(
+            links.radio.path_loss
         )
     except FAULTS as error:
         return what_failed(error)

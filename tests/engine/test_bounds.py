@@ -13,7 +13,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.env import UavVectorEnv
-from desim_uav.errors import SimulationError
+from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.learning.training import Training
 from desim_uav.model import asking, walking
 from desim_uav.model.bounds import CHECKED, OutsideError
@@ -30,6 +30,7 @@ KEYS = {
     "Draining": "drones.battery",
     "Charging": "stations.charging",
     "Sharing": "drones.radio.sharing",
+    "Losing": "drones.radio.path_loss",
     "Walking": "users.mobility",
     "Asking": "demand",
     "AskingForMore": "demand",
@@ -113,6 +114,21 @@ def test_queues_have_no_more_than_was_put_in(engine: Any, name: str, index: int)
 )
 def test_so_are_the_others(engine: Any, name: str, size: int, index: int, others: tuple[str, ...]):
     assert fault_of(world_with(name, *others, at=index), engine) == words_of(name, index, size)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("engine", [Simulation, BatchSimulation])
+@pytest.mark.parametrize("index", [-1, HUGE])
+def test_so_is_sharing(engine: Any, index: int):
+    said = fault_of(world_with("Sharing", case="urban_downlink", at=index), engine)
+    assert said == words_of("Sharing", index, 22, "a queue")
+
+
+@pytest.mark.parametrize("index", [-1, 2])
+def test_so_is_a_path_loss_when_a_scenario_is_loaded(index: int):
+    with pytest.raises(ScenarioError) as caught:
+        world_with("Losing", case="urban_downlink", at=index)
+    assert str(caught.value).endswith(f": {words_of('Losing', index, 2)}")
 
 
 @pytest.mark.parametrize("name", ["Walking", "Asking"])
