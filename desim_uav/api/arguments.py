@@ -74,6 +74,14 @@ def opened(
     return Opened(from_mapping(scenario, overrides=settings), None, settings)
 
 
+def ranges_of(name: str, numbers: int | str | Sequence[int] | None) -> str | None:
+    """Return numbers as a text such as ``"0-3,8"``, if they are no such text. Raises UsageError."""
+    if numbers is None or isinstance(numbers, str):
+        return numbers
+    some = numbers if isinstance(numbers, Iterable) else [numbers]
+    return ",".join(str(whole(name, one, 0, 2**63 - 1)) for one in some)
+
+
 def seeds_of(seeds: int | Sequence[int], first_seed: int = 0) -> list[int]:
     """Return the seeds asked for: so many from ``first_seed`` on, or those of a sequence.
 

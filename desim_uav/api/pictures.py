@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from desim_uav.api.arguments import between, whole
+from desim_uav.api.arguments import between, ranges_of, whole
 from desim_uav.api.replay import Page, Replay
 from desim_uav.api.sources import InFolders, each_of, in_folders
 from desim_uav.errors import UsageError, located
@@ -200,7 +200,7 @@ def report_of(
 def write_replay(
     run_dir: Shown,
     html: str | Path | None = None,
-    episodes: str | None = None,
+    episodes: int | str | Sequence[int] | None = None,
     *,
     beside: Shown | None = None,
     most_bytes: int | None = None,
@@ -216,8 +216,8 @@ def write_replay(
         html: The file. Default: ``replay.html`` in the folder of the run (``replay-NAME.html``
             beside a second run, whose folder is called NAME), or in the working folder if the run
             has none.
-        episodes: The episodes to show, such as ``"0-3,8"``. Default: all that count, as many as
-            ``most_bytes`` hold.
+        episodes: The episodes to show, such as ``"0-3,8"``, 0 or ``[0, 1]``. Default: all that
+            count, as many as ``most_bytes`` hold.
         beside: A second run of the same scenario, seed and world, which is played in step.
         most_bytes: The largest size of the page, if ``episodes`` says nothing. Default: 25 MiB.
         progress: Show the progress, if a run has to be played again for its events.
@@ -237,7 +237,8 @@ def write_replay(
         other = shown[1] if two else second[0] if second else None
         if two and episodes is None:
             episodes = run_dir.shown  # type: ignore[union-attr]
-        return Replay(write_page(shown[0], file, episodes, progress, most_bytes, other))
+        wanted = ranges_of("episodes", episodes)
+        return Replay(write_page(shown[0], file, wanted, progress, most_bytes, other))
 
 
 def _default(given: Sequence[Any], name: str) -> Path:

@@ -220,7 +220,7 @@ class RunResult:
         *,
         beside: RunResult | str | Path | None = None,
         seed: int | None = None,
-        episodes: str | None = None,
+        episodes: int | str | Sequence[int] | None = None,
         progress: bool = True,
     ) -> Replay:
         """Make the page that plays the run in continuous time; a notebook shows it.
@@ -230,8 +230,8 @@ class RunResult:
             beside: A second run of the same scenario, seed and world, or its folder. The page plays
                 both in step, side by side.
             seed: The seed to play. Default: the first.
-            episodes: The episodes to show, such as ``"0-3,8"``. Default: the counted ones, as many
-                as 25 MiB hold.
+            episodes: The episodes to show, such as ``"0-3,8"``, 0 or ``[0, 1]``. Default: the
+                counted ones, as many as 25 MiB hold.
             progress: Show the progress, if the run has to be played again for its events.
 
         Raises:
@@ -246,7 +246,8 @@ class RunResult:
             shown.append(second._of_seed(seed, "beside"))
         with ExitStack() as open_until:
             sources = [open_until.enter_context(run.source()) for run in shown]
-            page = Replay(make_replay(sources, episodes, progress))
+            wanted = arguments.ranges_of("episodes", episodes)
+            page = Replay(make_replay(sources, wanted, progress))
         if file is not None:
             page.save(file)
         return page

@@ -163,6 +163,7 @@ OVERRIDES = {
     "Sequence of str": ["episode.steps=2"],
     "NoneType": None,
 }
+EPISODES = {"str": "0", "int": 0, "Sequence of int": [0], "NoneType": None}
 WHOLE = {"int": 1, "NoneType": None}
 FOLDERS = {"str": lambda here: str(here.saved), "Path": lambda here: here.saved}
 RUNS = FOLDERS | {"InFolders": lambda here: here.one}
@@ -256,8 +257,8 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "Path": lambda here: here.saved_other,
         "NoneType": None,
     },
-    "RunResult.replay.episodes": {"str": "0", "NoneType": None},
-    "write_replay.episodes": {"str": "0", "NoneType": None},
+    "RunResult.replay.episodes": EPISODES,
+    "write_replay.episodes": EPISODES,
     "html": files(".html"),
     "run_dir": RUNS,
     "most_bytes": {"int": 10**6, "NoneType": None},
