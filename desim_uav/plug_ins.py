@@ -33,6 +33,10 @@ class Admission:
         self._refuses, self._says = refuses, True
         self._said.clear()
 
+    def end(self) -> None:
+        """End the command: what Python code imports after it is neither refused nor announced."""
+        self._refuses = self._says = False
+
     def ask(self, name: str) -> None:
         """Ask whether a component, ``"package.module:Class"``, may be imported.
 

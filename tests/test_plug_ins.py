@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from desim_uav import cli
+from desim_uav.scenario.load import load
 from tests.command_line import runner
 
 FAULTY = """
@@ -227,3 +228,8 @@ class TestOthersCode:
         assert (ended.code, ended.out) == (code, ""), ended.err
         assert "--no-plugins refuses" in ended.err and not Path("trace").exists()
         assert "theirs" not in sys.modules
+
+    def test_only_for_the_command(self, folder: Any, capsys: pytest.CaptureFixture[str]):
+        assert folder("validate", "scenario.yaml", "--no-plugins").code == 3
+        load(Path("scenario.yaml"))
+        assert Path("trace").exists() and capsys.readouterr().err == ""

@@ -103,6 +103,7 @@ def _root(
         raise typer.Exit
     end_politely()
     ADMISSION.begin(refuses=False)
+    context.call_on_close(ADMISSION.end)
     context.with_resource(begun_by(["desim-uav", *sys.argv[1:]], complain))
     if context.invoked_subcommand != "doctor":
         _check_environment()

@@ -11,6 +11,7 @@ import inspect
 import itertools
 import types
 import typing
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +21,7 @@ import numpy as np
 import pytest
 
 import desim_uav as du
+from desim_uav.errors import MissingExtraError
 from desim_uav.experiment.sweep.table import Done
 from desim_uav.policies.hover import Hover
 from desim_uav.policies.mlp import Mlp, description_of, scaling_of
@@ -38,11 +40,21 @@ METHODS: dict[type, tuple[str, ...]] = {
     du.Replay: ("save",),
     Done: ("plot",),
 }
-FUNCTIONS = {
-    name: getattr(du, name)
-    for name in du.__all__
-    if inspect.isfunction(getattr(du, name)) and name not in NOT_HERE
-} | {f"{of.__name__}.{name}": getattr(of, name) for of, names in METHODS.items() for name in names}
+
+
+def public() -> dict[str, Any]:
+    """Return the public functions; what needs an extra that is missing is none."""
+    found = {}
+    for name in sorted(set(du.__all__) - NOT_HERE):
+        with suppress(MissingExtraError):
+            if inspect.isfunction(getattr(du, name)):
+                found[name] = getattr(du, name)
+    return found
+
+
+FUNCTIONS = public() | {
+    f"{of.__name__}.{name}": getattr(of, name) for of, names in METHODS.items() for name in names
+}
 
 
 def kinds(hint: Any) -> list[str]:
