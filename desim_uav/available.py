@@ -19,20 +19,20 @@ MEMORY = (
     ("memory.max", "memory.current", "inactive_file"),
     ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 )
-"""The files of a limit and of what is used of it, and the entry of ``memory.stat`` that counts used
-memory which is free at once, as copies of files are: in version 2 and in version 1."""
+"""The files of the limit and of the memory in use, and the entry of ``memory.stat`` for used
+memory that can be freed at once, such as copies of files: in versions 2 and 1 of control groups."""
 
 
 def available_bytes() -> float:
-    """The least that the machine and the limits of this process leave; infinite if none says."""
+    """Return the least memory that the machine and all limits leave, in bytes; inf if unknown."""
     groups = (_left_in(folder) for folder in _groups("memory"))
     return min(_of_machine(), _of_address_space(), *groups)
 
 
 def processors() -> int:
-    """The number of processors that this process may use at a time, at least 1.
+    """Return the number of processors that this process may use at a time, at least 1.
 
-    A part of a processor, which a control group may allow, counts as one.
+    If a control group allows a part of a processor, this part counts as one.
     """
     try:
         allowed = float(len(os.sched_getaffinity(0)))
@@ -42,7 +42,7 @@ def processors() -> int:
 
 
 def quota() -> float:
-    """The processors whose time control groups allow this process; infinite without a limit."""
+    """Return how many processors' time control groups allow this process; inf without a limit."""
     return min((_quota_of(folder) for folder in _groups("cpu")), default=math.inf)
 
 
@@ -73,7 +73,7 @@ def _of_machine() -> float:
 
 
 def _of_address_space() -> float:
-    """What ``ulimit -v`` and ``ulimit -d`` leave of this process's addresses."""
+    """Return what ``ulimit -v`` and ``ulimit -d`` leave to this process, in bytes."""
     left = math.inf
     with suppress(ImportError, OSError, ValueError, IndexError):
         import resource
@@ -88,7 +88,7 @@ def _of_address_space() -> float:
 
 
 def _left_in(folder: Path) -> float:
-    """What is left of a control group's memory; infinite without a limit ("max", or no file)."""
+    """Return the bytes left in a control group; inf without a limit ("max", or no file)."""
     left = math.inf
     for limit, used, reclaimable in MEMORY:
         with suppress(OSError, ValueError):
@@ -98,7 +98,7 @@ def _left_in(folder: Path) -> float:
 
 
 def _entry(folder: Path, name: str) -> float:
-    """An entry of the group's ``memory.stat``; 0 if there is none."""
+    """Return an entry of the group's ``memory.stat``; 0 if there is none."""
     with suppress(OSError, ValueError):
         for line in (folder / "memory.stat").read_text().splitlines():
             key, _, value = line.partition(" ")
@@ -108,7 +108,7 @@ def _entry(folder: Path, name: str) -> float:
 
 
 def _quota_of(folder: Path) -> float:
-    """The processors whose time a control group allows; infinite without a limit."""
+    """Return how many processors' time a control group allows; inf without a limit."""
     with suppress(OSError, ValueError):
         allowed, period = (folder / "cpu.max").read_text().split()
         return float(allowed) / float(period)  # "max" is no number

@@ -1,8 +1,8 @@
-"""Text of others (names in submissions, files and folders) as an inert part of what is written.
+"""Escaping of other people's text (names in submissions, files and folders) in what is written.
 
 Each format has one function, through which all such text passes: ``errors.printable`` for lines in
-a terminal, ``report.markup.html`` for pages and ``report.markup.visible`` for figures, and these
-for Markdown and CSV.
+a terminal, ``report.markup.html`` for pages, ``report.markup.visible`` for figures, and the
+functions of this module for Markdown and CSV.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ ACTIVE = re.compile(
     r"[\\`*\[\]<>|~$&]|(?<![^\W_])_|_(?![^\W_])|(?<=http):|(?<=https):|(?<=ftp):|(?<=www)\.",
     re.IGNORECASE,
 )
-"""What begins code, emphasis, links, images, HTML, formulas or entities. An underscore does only at
-the edge of a word, and an address only with what follows its first letters."""
+"""What begins code, emphasis, links, images, HTML, formulas or entities in Markdown. An underscore
+does so only at the edge of a word, and an address only if more follows its first letters."""
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """The first characters of a cell that spreadsheet programs take for a formula."""
 
 
 def markdown(text: str) -> str:
-    """Return text as a part of a line or of a table's cell in Markdown, where it does nothing."""
+    """Return text escaped for a line or a cell of a table in Markdown."""
     return ACTIVE.sub(r"\\\g<0>", printable(" ".join(text.split())))
 
 

@@ -1,7 +1,7 @@
 """Lines that are printed: results on stdout, notices and problems on stderr.
 
-Text of others moves no cursor, a character that the terminal's encoding lacks is replaced, and a
-reader who has gone away is no failure.
+Control characters in other people's text are not sent to the terminal, characters that its encoding
+lacks are replaced, and it is not an error if the program that reads the output has ended.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ def replace_lacking() -> None:
 
 
 def drop(stream: Any) -> None:
-    """Send nowhere what is still to be written to a stream, which nobody reads any more.
+    """Discard what is still to be written to a stream that nobody reads any more.
 
-    Python would complain of it at its end.
+    Otherwise Python would report an error when it exits.
     """
     with suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -1,4 +1,4 @@
-"""The files of a user's own components: what they hold, and whether Python runs what they hold."""
+"""Digests of the files of a user's own components, and checks that none was edited since."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OTHERS = (Path(sysconfig.get_path("stdlib")), Path(__file__).parent)
 
 
 class _File(NamedTuple):
-    """A file as it was when its module had been imported."""
+    """A file as it was when it was first looked at after the import of its module."""
 
     path: Path
     spec: ModuleSpec | None
@@ -34,21 +34,21 @@ class _File(NamedTuple):
 
 
 _FILES: dict[str, _File] = {}
-"""The files of modules, by the names of these."""
+"""The files of modules, by the names of the modules."""
 
 
 def digest_of(name: str) -> str:
     """Return the SHA-256 of the files of a module and of all modules of the project it imports.
 
-    It is that of what Python has imported, and "" for a module without a file. The files of
-    installed packages do not count, unless they belong to the same package.
+    The digest is that of the files as Python has imported them, and "" for a module without a
+    file. Files of installed packages do not count, unless the module is of the same package.
     """
     digests = sorted(file.sha256 for file in _files_of(name))
     return hashlib.sha256(" ".join(digests).encode()).hexdigest() if digests else ""
 
 
 def check_unchanged(module: ModuleType) -> None:
-    """Raise ValueError if a file of a module has other code than what Python has imported.
+    """Raise ValueError if the code in a file of a module differs from what Python has imported.
 
     The files of all modules of the project that it imports count as well.
     """
@@ -65,7 +65,7 @@ def check_unchanged(module: ModuleType) -> None:
 def check_place(module: ModuleType) -> None:
     """Raise ValueError if Python would now find another file than the one it has imported.
 
-    It does so if two projects have a module of one name, and one process uses both.
+    This happens if one process uses two projects that have a module of the same name.
     """
     root = sys.modules.get(module.__name__.partition(".")[0], module)
     have = getattr(root, "__file__", None)
@@ -140,7 +140,7 @@ def _read(path: Path) -> bytes | None:
 
 @cache
 def _code(text: bytes) -> str:
-    """Return the syntax tree of a text, in which comments are not, or the text if it has none."""
+    """Return the syntax tree of a text, without comments, or the text if it is not valid Python."""
     try:
         return ast.dump(ast.parse(text))
     except (SyntaxError, ValueError):

@@ -1,7 +1,7 @@
-"""Whether, and after what notice, components of one's own may be imported, which runs their code.
+"""Notices before components of one's own are imported, which runs their code, and their refusal.
 
-A scenario, and the folder of a run, name such components; who reads a file of somebody else's may
-not expect its code to run. The command line says so, or refuses them (``--no-plugins``).
+Scenarios and folders of runs name such components, and a user who reads somebody else's file may
+not expect code to run. The command line prints a notice, or refuses them (``--no-plugins``).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from desim_uav.notices import notice
 REFUSED = "--no-plugins refuses components of one's own, whose code would run"
 
 PROJECT = ("pyproject.toml", "setup.py", ".git")
-"""What is in the folder of a project."""
+"""Entries by which the folder of a project is recognised."""
 
 
 class Admission:
-    """What the command line has asked for. In Python code, everything is imported silently."""
+    """The setting of the command line. In Python code, everything is imported without a notice."""
 
     def __init__(self) -> None:
         self._refuses = self._says = False
@@ -40,8 +40,8 @@ class Admission:
     def ask(self, name: str) -> None:
         """Ask whether a component, ``"package.module:Class"``, may be imported.
 
-        Says so, once per folder, if it is in none that the user has chosen: the current project,
-        what is installed, and ``PYTHONPATH``. Raises ValueError if it is refused.
+        Prints a notice, once per folder, if it is in no folder that the user has chosen: the
+        current project, installed packages, and ``PYTHONPATH``. Raises ValueError if it is refused.
         """
         if self._refuses:
             raise ValueError(REFUSED)

@@ -1,7 +1,7 @@
 """Component slots: turn the ``kind`` in a scenario file into a class.
 
 A built-in component registers itself with ``@register("mobility", "random_walk")``. A component of
-your own is named ``"package.module:Class"``. To import it runs its code, so use only components
+your own is named ``"package.module:Class"``. Importing it runs its code, so use only components
 that you trust; ``desim-uav --no-plugins`` refuses them all.
 """
 
@@ -30,7 +30,7 @@ _PLUG_INS: dict[str, str] = {}
 """The name of each module that a user's own component came from, by the module's source file."""
 
 FAULTS = (Exception, SystemExit)
-"""What a user's own code may raise. ``sys.exit`` in a component must not end us silently."""
+"""What a user's own code may raise. ``sys.exit`` in it must not end the program silently."""
 
 T = TypeVar("T", bound=type)
 
@@ -153,7 +153,7 @@ def what_failed(error: BaseException) -> str:
 
 
 def _fields(error: BaseException) -> str:
-    """Return what an object of ours has instead of an attribute that it lacks, or ""."""
+    """Return the fields of an object of ours that lacks an attribute, for a message, or ""."""
     of = type(getattr(error, "obj", None))
     if not isinstance(error, AttributeError) or not of.__module__.startswith("desim_uav."):
         return ""
@@ -161,7 +161,7 @@ def _fields(error: BaseException) -> str:
 
 
 def has_instead(of: type, name: str) -> str:
-    """Return the fields of a row or a record that has none called ``name``, or ""."""
+    """Return the fields of a row or record that lacks ``name``, for a message, or ""."""
     listings = ("kinds", "__dataclass_fields__", "_fields")
     known = next((list(vars(of)[each]) for each in listings if each in vars(of)), [])
     return f"{did_you_mean(name, known)}; it has {', '.join(known)}" if known else ""

@@ -1,4 +1,4 @@
-"""What the functions of the Python interface make of their arguments."""
+"""Checks and conversions of the arguments of the Python interface."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Opened:
     """The overrides that were given."""
 
     def located(self) -> AbstractContextManager[None]:
-        """Name the override or the file in problems that are found only in drawing a world."""
+        """Name the override or the file in problems that are found only when a world is drawn."""
         return blaming(self.path, self.settings)
 
 
@@ -75,7 +75,7 @@ def opened(
 
 
 def ranges_of(name: str, numbers: int | str | Sequence[int] | None) -> str | None:
-    """Return numbers as a text such as ``"0-3,8"``, if they are no such text. Raises UsageError."""
+    """Return numbers as a text such as ``"0-3,8"``; a text stays as it is. Raises UsageError."""
     if numbers is None or isinstance(numbers, str):
         return numbers
     some = numbers if isinstance(numbers, Iterable) else [numbers]

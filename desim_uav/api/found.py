@@ -1,4 +1,4 @@
-"""What is known of the best policies, as Python and a notebook have it."""
+"""Bounds on what the best policies can reach, as results in Python and in notebooks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What figures, pages and films are made of: results, and folders and files by their paths."""
+"""The sources of figures, pages and films: results, and the paths of folders and files."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from desim_uav.experiment.replay.again import Source
 
 
 class InFolders(Protocol):
-    """A result, which is in folders, or can be put into some for a while."""
+    """A result that is in folders, or can be written to temporary ones."""
 
     def sources(self) -> AbstractContextManager[Sequence[Source]]:
-        """Have the result in folders, for instance one for each seed, while something is made."""
+        """Provide folders with the result in a ``with`` block, for instance one for each seed."""
 
 
 def each_of(given: Any, *single: type) -> list[Any]:
@@ -29,7 +29,7 @@ def each_of(given: Any, *single: type) -> list[Any]:
 
 @contextmanager
 def in_folders(given: Sequence[str | Path | InFolders]) -> Iterator[list[Source]]:
-    """Have results in folders while something is made of them; a path is a folder already.
+    """Provide folders with results in a ``with`` block; paths are taken as they are.
 
     Raises UsageError for anything else.
     """

@@ -24,7 +24,7 @@ def build_world(
         ScenarioError: the scenario is invalid, an episode would cost more than any engine has on
             this machine, no drawn map leaves the free cells connected, or a cluster does not fit
             on the map.
-        UsageError: an override names no key, or the seed is none.
+        UsageError: an override names no key, or the seed is not valid.
     """
     found = opened(scenario, overrides)
     world_seed = found.scenario.effective_world_seed

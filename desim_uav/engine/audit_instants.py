@@ -1,7 +1,7 @@
-"""The invariants of an episode that concern more than one moment.
+"""Checks of the invariants of an episode that concern more than one event.
 
-They are the order of admission in an instant, changes of drones, and outages. What the audit has
-seen is kept here from one event to the next.
+The invariants are the order of admission in an instant, changes of drones, and outages. What the
+audit has seen is kept here from one event to the next.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from desim_uav.engine.des import Simulation
 
 BACK_US = 100
-"""Within this time, no user is handed back to a drone because of levels that change steadily: their
-difference has to change its direction, for which drones have to brake."""
+"""The least time in µs before a user is handed back to a drone, if levels change steadily. Their
+difference first has to change its direction, for which drones have to brake."""
 
 
 @dataclass
@@ -121,7 +121,7 @@ def _handover(simulation: Simulation, seen: Seen, number: int, drone: int) -> No
 
 
 def _admission(simulation: Simulation, seen: Seen) -> None:
-    """Check that nobody waits who would have fitted before somebody served in this phase."""
+    """Check that no user who would have fitted waits behind one served now who asked later."""
     state, users = simulation.state, simulation.state.users
     fleet = simulation.world.scenario.fleet
     if state.to_scan or not all(isinstance(drones.admission, FirstCome) for drones in fleet):

@@ -28,7 +28,7 @@ class OneThread:
         self.lock = threading.RLock()
 
     def __reduce__(self) -> tuple[type[OneThread], tuple[()]]:
-        """A copy is a new one, in which no thread is."""
+        """Return how to copy it: as a new block, in which no thread is."""
         return OneThread, ()
 
     def __enter__(self) -> None:

@@ -4,7 +4,7 @@ A drone that returns, queues, charges or has crashed has one allowed action: its
 (info ``forced``), and so is that of a drone that is asked later, if decisions are by event. Rewards
 r1, r2, … of the steps from a free decision to the next one are one reward, r1 + gamma r2 + gamma²
 r3 + … by clock; by event, each exponent is the time that has passed, in steps. The infos
-``duration_steps`` and ``discount`` are then those of the whole way: what follows the next decision
+``duration_steps`` and ``discount`` then cover all these steps: what follows the next decision
 is to be discounted by ``discount``, which is gamma to the power of ``duration_steps``.
 """
 
@@ -28,8 +28,8 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     A step runs to the next epoch at which at least one drone has a choice, or to the end of the
     episode. Its reward is the sum of the rewards on the way, discounted by ``gamma`` for each step.
-    The info is that of the last step, but for ``duration_steps`` and ``discount``, which are those
-    of the whole way, with this ``gamma``. A reset skips nothing: if drones carry over, the first
+    The info is that of the last step, except for ``duration_steps`` and ``discount``, which cover
+    all steps taken, with this ``gamma``. A reset skips nothing: if drones carry over, the first
     step of an episode may be a forced one.
     """
 
@@ -120,7 +120,7 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
 
 @dataclass
 class Way:
-    """The way from a decision to the next one: how long it has lasted, and its discount so far."""
+    """The steps from a decision to the next one: their duration and their discount so far."""
 
     steps: float = 0.0
     discount: float = 1.0
@@ -131,7 +131,7 @@ class Way:
         self.discount *= discount_of(gamma, info["duration_steps"])
 
     def told(self) -> dict[str, float]:
-        """Return what infos tell of the way."""
+        """Return the entries of infos about these steps."""
         return {"duration_steps": self.steps, "discount": self.discount}
 
 

@@ -23,8 +23,8 @@ T = TypeVar("T")
 
 ALWAYS = ("SIGINT", "SIGTERM", "SIGHUP")
 UNLESS_USED = ("SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGALRM")
-"""With the first ones, the signals that ask for the end. Batch systems send these to a job shortly
-before its time is up, and would end it; a program that has a use of its own for them keeps it."""
+"""Together with ``ALWAYS``, the signals that ask for the end. Batch systems send these to a job
+shortly before its time is up. A signal that the program handles itself is left to it."""
 
 INTERRUPTED = 130
 """The exit code of a process that was interrupted."""

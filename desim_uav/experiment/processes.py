@@ -35,7 +35,7 @@ NO_START = (
 
 
 class _Started:
-    """What a process sends first."""
+    """The first message of a process, by which it says that it has begun."""
 
 
 def run_each(
@@ -163,7 +163,7 @@ def _portable(error: BaseException) -> Exception:
 
 @contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Let processes that are started in the block ignore what asks their parent to end."""
+    """Let processes that start in the block ignore the signals that ask their parent to end."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

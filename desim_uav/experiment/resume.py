@@ -47,7 +47,7 @@ class Begun:
     """A run folder that holds fewer episodes than are asked for.
 
     ``done`` is the number of the first missing episode. The simulation begins with ``first``, which
-    is earlier: what is simulated again must come out as it is in the folder. The last batch begins
+    is earlier: what is simulated again must agree with what is in the folder. The last batch begins
     with the episode ``open_from``, and later episodes belong to it as well; ``size`` is how large
     it is. If the batch is complete, ``open_from`` is ``done``.
     """
@@ -85,7 +85,7 @@ class Begun:
     ) -> Generator[run.Played]:
         """Yield the episodes that the folder lacks, after a check of the last ones that it has.
 
-        Raises PolicyError if an episode comes out otherwise than it is in the folder.
+        Raises PolicyError if an episode differs from what is in the folder.
         """
         checked = max(self.first, min(self.open_from, self.done - 1))
         stored = {name: _rows(self.folder, name, checked) for name in _there(self.folder)}
@@ -166,7 +166,7 @@ def _forgets(policy: str) -> bool:
 
 
 def unfinished(place: Place) -> Path:
-    """Return the folder of an interrupted run at the possible places of a new one, the last one.
+    """Return the folder of the last interrupted run among the possible places of a new one.
 
     Raises UsageError if there is none.
     """

@@ -1,7 +1,7 @@
-"""Bounds of tables and queues: the fault of an index outside of them, in both engines.
+"""Errors for indices outside the bounds of tables and queues, in both engines.
 
-Compiled code checks no index of the built-in rules, because that would take time. It checks those
-of components of one's own, and of what these call; with DESIM_UAV_CHECK=1 it checks all.
+Compiled code does not check indices in the built-in rules, because that would take time. It checks
+those in components of one's own and in what these call; with DESIM_UAV_CHECK=1 it checks all.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ CHECKED = os.environ.get("DESIM_UAV_CHECK", "0") not in ("", "0")
 A_TABLE, A_QUEUE = "a table", "a queue"
 
 Place = tuple[str, int, str]
-"""A file, a line and the name of a function; of a method of queues only the name."""
+"""A file, a line and the name of a function; for a method of queues only the name."""
 
 POP, INSERT, REMOVE = (("", 0, f"Queue.{name}") for name in ("pop", "insert", "remove"))
 
 _met = threading.local()
-"""The index and the length that compiled code of this thread has met last outside of bounds."""
+"""The last index out of bounds in this thread's compiled code, and the length that it was for."""
 
 
 class OutsideError(SimulationError, IndexError):
     """An index is outside the bounds of a table, a queue or an array.
 
-    ``owner`` is the name of the component in which that happened, or empty; ``of`` says of what
-    the bounds are. Compiled code leaves out ``met``, the index and the length, which it has noted
-    before (see ``NOTE``).
+    ``owner`` is the name of the component in which that happened, or empty; ``of`` says what was
+    indexed, and ``met`` is the index and the length. Compiled code leaves out ``met``, which it has
+    noted before (see ``NOTE``).
     """
 
     def __init__(
@@ -65,7 +65,7 @@ _noted = CFUNCTYPE(None, c_int64, c_int64)(_note)
 NOTE, NOTE_AT = "desim_uav_note_outside", cast(_noted, c_void_p).value
 """The name and the address of the function with which compiled code notes an index and a length.
 
-Compiled code knows it by its name, for the address is another one in each process."""
+Compiled code refers to it by its name, because the address differs between processes."""
 
 
 def is_own(module: str) -> bool:
@@ -87,9 +87,9 @@ def owner_of(cls: Any) -> str:
 
 
 def require_inside(k: Any, length: int, of: str, place: Place | None = None) -> None:
-    """Raise OutsideError for an index below 0 or from the length on; slices are Python's own.
+    """Raise OutsideError for an index that is below 0, or not below the length; slices pass.
 
-    The place, if none is given, is that of the innermost function that is not one of rows.
+    The place, if none is given, is in the innermost function outside the modules ``BETWEEN``.
     """
     if not isinstance(k, slice) and not 0 <= k < length:
         owner, found = _place()
@@ -97,7 +97,7 @@ def require_inside(k: Any, length: int, of: str, place: Place | None = None) -> 
 
 
 def _place() -> tuple[str, Place]:
-    """Return that place, and the component of one's own that its function is a method of."""
+    """Return the component, if any, and the place of the innermost function outside ``BETWEEN``."""
     frame = sys._getframe(1)
     while frame.f_globals.get("__name__") in (__name__, *BETWEEN) and frame.f_back is not None:
         frame = frame.f_back
@@ -107,11 +107,11 @@ def _place() -> tuple[str, Place]:
 
 
 BETWEEN = {"desim_uav.model.rows", "desim_uav.learning.rows"}
-"""The modules whose functions are not named as the place of a fault, but their callers are."""
+"""The modules of rows: a fault in one of their functions is reported at its caller."""
 
 
 def naming(owner: str, function: F) -> F:
-    """Return a function of a component whose faults name it; it itself if it is built in."""
+    """Wrap a function so that its errors name its component; return a built-in one unchanged."""
     if not owner:
         return function
 

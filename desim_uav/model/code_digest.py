@@ -27,20 +27,20 @@ from desim_uav.model.value_text import (
 )
 
 STANDS_IN: dict[FunctionType, FunctionType] = {}
-"""What compiled code has in the place of a function: the function that Numba's overload calls."""
+"""What compiled code calls in place of a function: the function that Numba's overload calls."""
 
 RULES: set[FunctionType] = set()
-"""The functions over rows."""
+"""The functions that work on rows."""
 
 
 def code_digest(function: FunctionType, placed: bool = False) -> str:
     """Return the SHA-256 of a function and of every function it calls, directly or not.
 
     Docstrings, comments and line numbers do not count, except line numbers of code that names them
-    in its faults (``placed``). What stands in compiled code in the place of a function counts as
-    called by it. If the functions are over rows, so do the layout and the methods of these rows,
-    and the code by which rows are compiled. Raises UndescribedError with the name of a value on
-    which compiled code depends, if that value cannot be described.
+    in its faults (``placed``). A function that stands in for another one in compiled code counts
+    as called by it. If the functions work on rows, the layout and the methods of these rows count
+    as well, and so does the code that compiles rows. Raises UndescribedError with the name of a
+    value on which compiled code depends, if that value cannot be described.
     """
     found: dict[FunctionType, int] = {}
     texts = list(_reach(found, [function]))
@@ -112,16 +112,16 @@ def _module_of(value: Any) -> str | None:
 
 
 def _rows_of(functions: Iterable[FunctionType]) -> set[Any]:
-    """Return the classes of rows that functions are over.
+    """Return the classes of rows on which functions work.
 
-    These stand in the modules of the functions, which need them at least for their annotations.
+    They are found in the modules of the functions, which need them at least for annotations.
     """
     spaces = {id(function.__globals__): function.__globals__ for function in functions}
     return {value for space in spaces.values() for value in space.values() if is_row(value)}
 
 
 class _Known(NamedTuple):
-    """What a function's text was made from, which is compared each time, and the text."""
+    """The text of a function, and what it was made from, which is compared each time."""
 
     code: CodeType
     values: dict[str, Any]
@@ -168,7 +168,7 @@ def _same(values: dict[str, Any], others: dict[str, Any]) -> bool:
 
 
 def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Yield what compiled code has from outside of a function: each value with a name."""
+    """Yield the values that compiled code takes from outside a function, each with a name."""
     code = function.__code__
     yield "its defaults", function.__defaults__
     for name, value in (function.__kwdefaults__ or {}).items():
@@ -196,14 +196,14 @@ def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 OVERLOADS = "its overloads"
-"""The name of what Numba compiles in the place of a function; it may be added at any time."""
+"""The name for what Numba compiles in place of a function; it may be added at any time."""
 
 EMPTY = CellType()
 """The cell of a variable without a value."""
 
 
 def _in_module(code: CodeType, name: str, module: ModuleType) -> Iterator[tuple[str, Any]]:
-    """Yield what a function uses of a module, any number of dots away."""
+    """Yield what a function uses of a module, including attributes of attributes."""
     for loaded in _loaded(code):
         if loaded[0] == name:
             dots, value = 1, cast(Any, module)

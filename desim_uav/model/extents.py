@@ -1,4 +1,4 @@
-"""The extent of places, and whether it tells that they are degrees and not metres."""
+"""The extent of places, and tests of whether they are in degrees instead of metres."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from desim_uav.model.walking import Area
 
 DEGREES_MAP_M = 100.0
-"""On a map with a shorter side than this, an extent of a metre may be meant."""
+"""On a map with a side shorter than this, in metres, an extent of a metre may be intended."""
 
 
 class Extent(NamedTuple):
@@ -36,9 +36,9 @@ def extent_of(places: NDArray[np.float64]) -> Extent:
 
 
 def like_degrees(extent: Extent, area: Area) -> bool:
-    """Return whether different places are longitudes and latitudes, as far as one can tell.
+    """Return whether places are probably longitudes and latitudes in degrees.
 
-    They are so if they are all within less than a metre, on a map of ``DEGREES_MAP_M`` or more.
+    They are if they differ, but all lie within a metre, on a map of ``DEGREES_MAP_M`` or more.
     """
     x_m, y_m = extent.most_x_m - extent.least_x_m, extent.most_y_m - extent.least_y_m
     return 0.0 < max(x_m, y_m) < 1.0 and are_angles(extent, area)

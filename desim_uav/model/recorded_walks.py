@@ -34,11 +34,11 @@ from desim_uav.registry import register
 Shift = Annotated[float, Ge(-LARGEST), Le(LARGEST)]
 
 SLOWEST_MPS = 0.01
-"""Who moves, but never faster than this, does hardly move: 0.01 degrees a second are 4,000 km/h."""
+"""If nobody who moves is faster, positions are in degrees: 0.01 degrees a second are 4,000 km/h."""
 
 
 class _WayPoint(NamedTuple):
-    """Where a user is at a time, the line of the file that says so, and its name for the user."""
+    """The position of a user at a time, with the line of the file and the user's name in it."""
 
     user: int
     t_us: int
@@ -58,8 +58,8 @@ class Trace:
     """Takes way points from a CSV file with the columns user, t_s, x_m, y_m, or from SUMO.
 
     A user stands at its first way point until that point's time, walks straight from each way
-    point to the next, and stays at the last. A user without way points stays at home. A file of
-    SUMO's is floating car data (option `--fcd-output`): its vehicles and persons are the users, in
+    point to the next, and stays at the last. A user without way points stays at home. A file from
+    SUMO is floating car data (option `--fcd-output`): its vehicles and persons are the users, in
     the order in which they appear.
     """
 
@@ -70,9 +70,9 @@ class Trace:
     format: Literal["auto", "csv", "fcd"] = "auto"
     """`csv`, `fcd` (SUMO's floating car data), or `auto`: as the file begins."""
     begin_s: Annotated[float, Ge(0), Le(LARGEST)] = 0.0
-    """The time of the recording at which an episode begins, in seconds. A user who walks then is
-    where its walk has led by this time. Vehicles and persons of SUMO's that are last seen before
-    this time are left out.
+    """The time of the recording at which an episode begins, in seconds. A user who is walking
+    then begins at the place that it has reached by this time. Vehicles and persons from SUMO that
+    are last seen before this time are left out.
     """
     offset_m: tuple[Shift, Shift] = (0.0, 0.0)
     """What is added to each x and y of the recording to get places on the map, in metres. The
@@ -92,7 +92,7 @@ class Trace:
             self._require_movers()
 
     def _require_movers(self) -> None:
-        """Raise ValueError if no vehicle or person of SUMO's is there in an episode."""
+        """Raise ValueError if no vehicle or person from SUMO is there in an episode."""
         points, containers = read_fcd(self.file)
         if not points:
             some = f"{containers} containers, but " if containers else ""
@@ -133,7 +133,7 @@ class Trace:
             )
 
     def _remedy(self, area: Area) -> str:
-        """Return how a recording that is not on the map could be put there."""
+        """Return how a recording that is not on the map could be moved onto it."""
         if self._like_degrees(area):
             return f"; {_DEGREES}"
         extent, shifts = self._extent, []
@@ -147,7 +147,7 @@ class Trace:
         return f"; offset_m: [{dx:g}, {dy:g}] moves the recording onto it"
 
     def doubts(self, users: int, area: Area, horizon_s: float) -> Iterator[str]:
-        """Yield what a recording may hold and is hardly meant in an episode that lasts so long."""
+        """Yield what is allowed in a recording, but probably not intended for such an episode."""
         way_points = self._way_points()
         if not way_points:
             yield f"{self.file}: it has no way points; all users stay at home"
@@ -219,7 +219,7 @@ class Trace:
 
     @property
     def _time(self) -> str:
-        """What the file calls a time."""
+        """The name of a time in the file."""
         return "time" if self._is_fcd else "t_s"
 
     @property
@@ -235,9 +235,9 @@ class Trace:
         return min(times) / US + self.begin_s, max(times) / US + self.begin_s
 
     def _like_degrees(self, area: Area) -> bool:
-        """Return whether places are longitudes and latitudes, as far as one can tell.
+        """Return whether places are probably longitudes and latitudes in degrees.
 
-        If they are, everything is within a metre, or everybody who moves seems to creep.
+        Then all of them lie within a metre, or nobody who moves reaches ``SLOWEST_MPS``.
         """
         own = [np.array([point[1:4] for point in points]) for points in self._recorded().values()]
         places = np.concatenate([points[:, 1:] for points in own]) - np.array(self.offset_m)
@@ -252,9 +252,9 @@ class Trace:
         return 0.0 < fastest_mps < SLOWEST_MPS
 
     def _way_points(self) -> WayPoints:
-        """Return each user's way points from the begin of an episode on, at times since then.
+        """Return each user's way points from the beginning of an episode on, at times since then.
 
-        If a user walks at the begin, the first one is where its walk has led by then.
+        If a user is walking at that time, the first one is the place that it has then reached.
         """
         found: WayPoints = {}
         is_fcd = self._is_fcd

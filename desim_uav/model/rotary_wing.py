@@ -1,4 +1,4 @@
-"""The battery of a rotary-wing drone, whose flights take energy by their speeds and climbs.
+"""The battery of a rotary-wing drone: flights take energy that depends on speeds and climbs.
 
 The battery is measured in microjoules: where other batteries have microseconds of autonomy, names
 such as ``battery_us`` stand for microjoules here.
@@ -42,14 +42,14 @@ LONGEST_US = 2**60
 """No battery lasts longer, in microseconds."""
 
 NEAR_US = 1024
-"""A search takes single steps up to so many microseconds from where it begins."""
+"""A search takes steps of a microsecond up to this distance from its start, then longer ones."""
 
 
 ALIKE = 0.02
 """Parameters of a rotor contradict each other if they differ by more than this share."""
 
 LONGER = 1.25
-"""The least ratio of the times of a hover in wind and in still air that is told."""
+"""The ratio of the times of a hover in wind and in still air from which on there is a warning."""
 
 FORMULAS = {
     "disc_area_m2": "π R²",
@@ -186,8 +186,8 @@ class RotaryWing(RowEnergy):
     def lasts(self, flight: Any, battery_us: int) -> int:
         """Return the time until the energy used reaches the battery, rounded up to a microsecond.
 
-        The energy rises with time, so that the microsecond is found by halving an interval. That of
-        a hover, which may be the rest after a flight, is next to the result of a division.
+        The energy rises with time, so the microsecond is found by halving an interval. If the
+        drone hovers, perhaps after a flight, the search begins at the result of a division.
         """
         least_us, most_us = -1, int(flight.duration_us)
         used = used_uj(self, flight, most_us)
@@ -214,7 +214,7 @@ class RotaryWing(RowEnergy):
     def doubts(self, wind_mps: float) -> Iterator[str]:
         """Yield parameters that contradict each other, and how a wind changes the time of a hover.
 
-        Only differences of more than ``ALIKE`` and ``LONGER`` are told.
+        Only differences of more than ``ALIKE`` and ``LONGER`` are reported.
         """
         rotor = self.rotor
         for name, follows in derived(rotor)._asdict().items():

@@ -35,13 +35,13 @@ from desim_uav.model.numba_parts import is_compiled, is_registry, name_of_type
 from desim_uav.model.rows import held_by, is_row, layout_of, origin_of
 
 VERSIONED = ("numpy", "numba", "llvmlite")
-"""Packages of which compiled code depends on the version, and on nothing that users write."""
+"""Packages on which compiled code depends by their version only, because users do not edit them."""
 
 OURS = "desim_uav."
 """How the names of this package's modules begin."""
 
 OPTIONS = ("targetoptions", "locals", "_prefer_literal", "_ctor_kwargs")
-"""The attributes in which Numba keeps what its decorators are told."""
+"""The attributes in which Numba keeps the options of its decorators."""
 
 ARRAYS = (np.ndarray, np.memmap, np.recarray)
 NAMED = (GetSetDescriptorType, MemberDescriptorType, MethodDescriptorType, WrapperDescriptorType)
@@ -111,7 +111,7 @@ class Text:
         raise UndescribedError(f"a value of type {full_name(kind)!r}")
 
     def _kind(self, kind: type, base: type) -> str:
-        """Return the text of the type of a value, with what a derived type has besides."""
+        """Return the text of the type of a value, including what a derived type adds."""
         return full_name(kind) if kind is base else self._class(kind)
 
     def _function(self, function: FunctionType) -> str:
@@ -129,7 +129,7 @@ class Text:
         return f"{value.name} of {self._class(type(value))}"
 
     def _options(self, compiled: Any) -> str:
-        """Return the text of what a decorator of Numba was told of a function, which is final."""
+        """Return the text of the options of Numba's decorator, which do not change afterwards."""
         before = self.lasting
         said = self._named((name, getattr(compiled, name, None)) for name in OPTIONS)
         self.lasting = before
@@ -193,7 +193,7 @@ class Text:
 
 
 PLAIN = {type(None), bool, int, str, bytes, type(Ellipsis), type(NotImplemented), range}
-"""Types whose ``repr`` says all."""
+"""Types whose ``repr`` describes a value completely."""
 
 WHOLE: dict[Any, Callable[[Text, Any], str]] = {
     type: Text._class,
@@ -203,7 +203,7 @@ WHOLE: dict[Any, Callable[[Text, Any], str]] = {
     np.ndarray: Text._of_numpy,
     np.dtype: Text._of_numpy,
 }
-"""The texts of values by the types that they are instances of."""
+"""What makes the text of a value, by a type of which it is an instance."""
 
 PARTS: dict[type, Callable[[Text, Any], str]] = {
     bool: lambda text, value: repr(bool(value)),
@@ -233,7 +233,7 @@ PARTS: dict[type, Callable[[Text, Any], str]] = {
     type(cache(len)): lambda text, value: text.of(value.__wrapped__),
     **dict.fromkeys(NAMED, lambda text, value: full_name(value)),
 }
-"""The same of other types, behind the name of the type."""
+"""The same for other types; the name of the type is put before the text."""
 
 
 def full_name(value: Any) -> str:

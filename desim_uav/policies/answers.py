@@ -1,4 +1,4 @@
-"""What a policy has answered, checked before an engine hears it."""
+"""Checks of the answers of a policy, before an engine gets them as commands."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_SHOWN = 80
 
 
 class NoCommandError(ValueError):
-    """An answer that is no command: what it is, for which drone, and what is allowed."""
+    """An answer of a policy is not a command. The message has the drone and what is allowed."""
 
 
 def commands_of(answers: Any, world: World) -> list[Any]:
@@ -43,7 +43,7 @@ def commands_of(answers: Any, world: World) -> list[Any]:
 
 
 def _command(answer: Any, drone: int, world: World) -> Any:
-    """Return an answer that is no plain whole number as a command, or None if it is none."""
+    """Return an answer that is not an ``int`` as a command, or None if it is not a command."""
     if isinstance(answer, Action | AtSpeed):
         return {**fastest_of(world.actions), **_indices(world)}.get(answer)
     try:

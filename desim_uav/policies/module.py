@@ -25,7 +25,7 @@ from desim_uav.world import World
 class TorchModule:
     """Chooses the best allowed action of each drone by a ``torch.nn.Module``.
 
-    Of equally good actions it takes the first. The module is set to evaluation while it is asked.
+    Of equally good actions it takes the first. The module is in evaluation mode while it is called.
     """
 
     ceiling = True
@@ -52,13 +52,13 @@ class TorchModule:
         self._scores([[0.0] * self._inputs])
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
-        """Return what ``act_jointly`` does of one drone."""
+        """Return the command of one drone (see ``act_jointly``)."""
         return self.act_jointly([observation], [mask])[0]
 
     def act_jointly(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> list[Any]:
-        """Return the forced action if there is one, else the best allowed one or the command."""
+        """Return for each drone the forced action, or else the best allowed one or the command."""
         assert self._world is not None, "begin comes first"
         world = self._world
         seen = [self._encode(one, world.facts_of(one.drone)) for one in observations]

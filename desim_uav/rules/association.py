@@ -4,8 +4,8 @@ A level is the received power of a drone, without interference. A rival is a dro
 user who is attached to another one. It is better if its level exceeds that of the user's drone by
 more than ``Constants.margin_db``; if it has been so for ``Constants.trigger_us`` without a break,
 the user is handed over to it. If both are 0, the user is always attached to the drone with the
-highest level, of several the one with the lowest index. Levels that differ by rounding are equal
-(``model.radio.links.EQUAL_DB``).
+highest level, of several the one with the lowest index. Levels that differ by rounding count
+as equal (``model.radio.links.EQUAL_DB``).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def strongest(world: Constants, path: Path, state: State, user: User, rivals: bo
 
 @rule
 def _may_take(world: Constants, state: State, user: User, rival: int) -> bool:
-    """Return whether a drone may take a user over now, if it is as good as one that does."""
+    """Return whether a rival has been better for long enough to take a user over now."""
     since_us = user.better_since[rival]
     long = since_us >= 0 and since_us + world.trigger_us <= state.now_us
     return rival != user.holder and (world.trigger_us == 0 or long)
@@ -74,8 +74,8 @@ def passes_us(
 ) -> int:
     """Return when the level of ``one`` reaches that of ``other`` plus a margin, or falls below it.
 
-    ``better`` says that it has reached it until now, with which the levels at this very instant may
-    already disagree. The time is NEVER if nothing changes while both drones' legs are known
+    ``better`` says whether it has reached it so far; the levels at this very instant may already
+    say otherwise. The time is NEVER if nothing changes while both drones' legs are known
     (``known_until_us``).
     """
     own = (world, path, state, user, one, other, better, margin_db)
@@ -110,7 +110,7 @@ def _await_better(
 
 @rule
 def _foresee(world: Constants, path: Path, state: State, user: User) -> int:
-    """Write which rival becomes better, ceases to be or takes over next, and when; return this."""
+    """Write which rival becomes better, ceases to be so or takes over next, and return the time."""
     undo(state, association_slot(state, user.index))
     user.turns_us, user.rival = words.NEVER, -1
     for d in range(len(state.senders)):
@@ -146,7 +146,7 @@ def _takes_over(world: Constants, state: State, user: User) -> bool:
 
 @rare_rule
 def _turn(world: Constants, path: Path, state: State, user: User, phase: int) -> bool:
-    """Let a user's rival become better now, cease to be, or take the user over.
+    """Let a user's rival become better now, cease to be so, or take the user over.
 
     Of several that may take it over now, the strongest does. Returns whether the user has changed
     drones. Nothing happens if the rival no longer covers the user.
@@ -165,7 +165,7 @@ def _turn(world: Constants, path: Path, state: State, user: User, phase: int) ->
 
 @rule
 def _take(world: Constants, state: State, drone: int, user: User, phase: int) -> None:
-    """Attach a user to a drone; all times to trigger begin anew, because they are against it."""
+    """Attach a user to a drone; all times to trigger begin anew, because the drone has changed."""
     attach(world, state, state.senders[drone], user, phase)
     for d in range(len(state.senders)):
         user.better_since[d] = -1

@@ -1,4 +1,4 @@
-"""Classes of links: each is 0, no link, or the larger, the more bits a hertz carries.
+"""Classes of links: 0 is no link, and a larger class carries more bits per hertz.
 
 A user for whom the class of a drone's link is at least 1 is in the footprint of the drone.
 """
@@ -78,7 +78,7 @@ def _change_now(world: Constants, state: State, drone: Drone, phase: int) -> Non
 def retune(world: Constants, path: Path, state: State, phase: int) -> None:
     """Foresee the classes of all drones anew, because others interfere with them than before.
 
-    They are known until the first of their legs ends, and something interferes otherwise again.
+    They are known until the first of the drones' legs ends, when interference changes again.
     """
     state.retunes, until_us = 0, NEVER
     for d in range(len(state.senders)):

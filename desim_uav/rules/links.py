@@ -1,6 +1,6 @@
-"""What is known of users' links: handovers, ping-pongs and outages, and whose levels may change.
+"""Records of users' links: handovers, ping-pongs, outages, and users whose levels may change.
 
-It is known only if the drones' radio has classes of links (``state.keeps_links``).
+They are kept only if the drones' radio has classes of links (``state.keeps_links``).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ PING_PONG_US = 1_000_000
 def count_handover(state: State, drone: Drone, user: User, phase: int) -> None:
     """Count a handover if a user who is attached to a drone now has just left another one.
 
-    A handover back to the drone that the user was handed over from is a ping-pong if it comes
-    within ``PING_PONG_US``.
+    A handover back to the drone from which the user came in its previous handover is a ping-pong
+    if it comes within ``PING_PONG_US``.
     """
     if user.left_us == state.now_us and user.left not in (-1, drone.index):
         state.handed_over += 1
@@ -32,7 +32,7 @@ def count_handover(state: State, drone: Drone, user: User, phase: int) -> None:
 
 @rare_rule
 def forget_links(state: State, user: User) -> None:
-    """Forget what is known of a user's links from the previous episode."""
+    """Clear the records of a user's links from the previous episode."""
     user.left = user.left_us = user.came_from = -1
     user.outage_since_us = user.outage_until_us = -1
     user.outage_began_in = user.outage_ended_in = user.unsettled = user.came_us = 0
@@ -43,7 +43,7 @@ def forget_links(state: State, user: User) -> None:
 
 @rare_rule
 def unsettle(state: State, user: User) -> None:
-    """Let the levels that a user receives be looked at when this instant is settled."""
+    """Mark a user, whose levels are then compared when this instant is settled."""
     if state.by_level and not user.unsettled:
         user.unsettled = 1
         state.unsettled.append(user.index)
@@ -51,7 +51,7 @@ def unsettle(state: State, user: User) -> None:
 
 @rare_rule
 def unsettle_covered(state: State, drone: Drone) -> None:
-    """Let the levels of all users in a drone's footprint be looked at."""
+    """Mark all users in a drone's footprint, whose levels are then compared (see ``unsettle``)."""
     for u in range(len(state.users)):
         if state.users[u].covering[drone.index] >= 0:
             unsettle(state, state.users[u])
@@ -83,7 +83,7 @@ def end_outage(state: State, user: User, phase: int) -> None:
 def count_outage(state: State, user: User) -> None:
     """Count and log the outage of a user that has ended, if it has lasted more than 0 µs.
 
-    Whether it has, and whether it has ended, is certain only later than at the times of its events.
+    Both are certain only after the instants at which it begins and ends, so it is logged later.
     """
     since_us, until_us = user.outage_since_us, user.outage_until_us
     if since_us < until_us:
@@ -96,7 +96,7 @@ def count_outage(state: State, user: User) -> None:
 
 @rare_rule
 def _note_outage(state: State, kind: int, t_us: int, phase: int, user: User) -> None:
-    """Append the begin or the end of a user's outage to the event log."""
+    """Append the beginning or the end of a user's outage to the event log."""
     if state.keeps_events:
         note(state, phase, kind, -1, user.index, user.request.number, -1)
         state.events[len(state.events) - 1].t_us = t_us

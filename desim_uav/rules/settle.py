@@ -35,9 +35,9 @@ def settle_after(world: Constants, path: Path, state: State, phase: int) -> None
 def settle(world: Constants, path: Path, state: State, attachment: int, admission: int) -> None:
     """Attach loose users; then let the affected drones divide their bandwidth among requests.
 
-    ``attachment`` and ``admission`` are the phases under which the two are logged. Before, drones
-    whose interference has changed pass to new classes; users who have changed drones, or whose
-    drones have, are handed over to others that they receive better.
+    ``attachment`` and ``admission`` are the phases under which the two are logged. Before
+    this, the links of drones whose interference has changed pass to new classes, and unsettled
+    users are handed over to drones that they receive better.
     """
     if _is_unsettled(state):
         _settle_all(world, path, state, attachment, admission)
@@ -98,6 +98,6 @@ def _settle_links(world: Constants, path: Path, state: State, phase: int) -> Non
 
 @rare_rule
 def on_turn(world: Constants, path: Path, state: State, user: User) -> None:
-    """Let what is due happen to a user's rival, once nothing else comes before in this phase."""
+    """Do what is due for a user's rival, once no other event comes before it in this phase."""
     unsettle(state, user)
     settle_after(world, path, state, ATTACHMENT)

@@ -1,7 +1,7 @@
 """Sums that need more than 64 bits, in two words (see ``rows.Wide``): the same in both engines.
 
-Python's whole numbers have no end, but those of compiled code have 64 bits. The largest values of
-all other sums are bounded by what a scenario may have (``engine.compiled.largest_sums``).
+Python's whole numbers are not limited, but those of compiled code have 64 bits. The largest values
+of all other sums are bounded by what a scenario may have (``engine.compiled.largest_sums``).
 """
 
 from __future__ import annotations

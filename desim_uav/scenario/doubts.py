@@ -1,6 +1,6 @@
-"""What a scenario may say and hardly means: each doubt is told, and nothing is refused.
+"""Warnings about values of a scenario that are allowed, but probably not intended.
 
-Components tell their own doubts in a method ``doubts``, and in ``summary`` what a recording holds.
+Components yield warnings in a method ``doubts``, and describe a recording in ``summary``.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from desim_uav.scenario.yaml12 import KeyPath
 
 
 def doubts(scenario: Scenario) -> Iterator[str]:
-    """What is allowed and hardly meant, each with its key."""
+    """Yield warnings about values that are probably not intended, each with its key."""
     for doubt in DOUBTS:
         yield from doubt(scenario)
 
 
 def warn_of(scenario: Scenario) -> None:
-    """Print what a scenario hardly means on stderr, one line each."""
+    """Print the warnings about a scenario on stderr, one line each."""
     for doubt in doubts(scenario):
         notice(f"warning: {doubt}")
 
 
 def recordings(scenario: Scenario) -> Iterator[str]:
-    """Yield in words what each recording of a scenario holds, with its key."""
+    """Yield a description of each recording of a scenario, with its key."""
     components = {"users.mobility": scenario.users.mobility, "demand": scenario.demand}
     for key, component in components.items():
         summary = getattr(component, "summary", None)
@@ -42,7 +42,7 @@ def recordings(scenario: Scenario) -> Iterator[str]:
 
 
 def circles_fit_the_map(scenario: Scenario) -> Iterator[str]:
-    """Clusters and stations whose circles do not fit the map."""
+    """Yield warnings about clusters and stations whose circles do not fit the map."""
     width, depth = scenario.map.size_m
     half, on_map = min(width, depth) / 2.0, f"the map of {width:g} x {depth:g} m"
     clusters, stations = scenario.users.clusters, scenario.stations
@@ -61,7 +61,7 @@ def circles_fit_the_map(scenario: Scenario) -> Iterator[str]:
 
 
 def drones_can_climb(scenario: Scenario) -> Iterator[str]:
-    """A map in 3D that has one level."""
+    """Yield a warning about a map in 3D that has one level."""
     if scenario.three_d and scenario.map.most_levels == 1:
         lowest_m = scenario.map.levels.min_altitude_m
         yield (
@@ -72,7 +72,7 @@ def drones_can_climb(scenario: Scenario) -> Iterator[str]:
 
 
 def batteries_are_meant(scenario: Scenario) -> Iterator[str]:
-    """Parameters of batteries that contradict each other, and energy in wind."""
+    """Yield warnings about contradicting parameters of batteries, and about energy in wind."""
     wind_mps = math.hypot(*scenario.wind_mps)
     for path, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         own = getattr(drones.battery, "doubts", None)
@@ -81,7 +81,7 @@ def batteries_are_meant(scenario: Scenario) -> Iterator[str]:
 
 
 def losses_are_of_the_carrier(scenario: Scenario) -> Iterator[str]:
-    """Path losses that were fitted at a carrier far from the radio's."""
+    """Yield warnings about path losses that were fitted at a carrier far from the radio's."""
     radios: list[tuple[KeyPath, Any]] = [
         ((*path, "radio"), one.radio)
         for path, one in zip(scenario.fleet_keys, scenario.fleet, strict=True)
@@ -96,7 +96,7 @@ def losses_are_of_the_carrier(scenario: Scenario) -> Iterator[str]:
 
 
 def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
-    """Recordings outside of an episode, or in units other than metres."""
+    """Yield warnings about recordings outside of an episode, or not in metres."""
     users, horizon_s = scenario.users, _horizon_s(scenario)
     own = getattr(users.mobility, "doubts", None)
     for doubt in own(users.count, Area(*scenario.map.size_m), horizon_s) if own else ():
@@ -107,7 +107,7 @@ def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
 
 
 def places_are_in_metres(scenario: Scenario) -> Iterator[str]:
-    """Positions and zones that look like longitudes and latitudes."""
+    """Yield warnings about positions and zones that look like longitudes and latitudes."""
     area = Area(*scenario.map.size_m)
     given = {"users.positions_m": scenario.users.positions_m or ()}
     for number, zone in enumerate(scenario.map.no_fly):
@@ -124,7 +124,7 @@ def places_are_in_metres(scenario: Scenario) -> Iterator[str]:
 
 
 def zones_stand_in_the_way(scenario: Scenario) -> Iterator[str]:
-    """No-fly zones that no drone can meet."""
+    """Yield warnings about no-fly zones that no drone can meet."""
     width, depth = scenario.map.size_m
     for number, zone in enumerate(scenario.map.no_fly):
         extent = extent_of(np.array(zone.polygon_m))
@@ -136,7 +136,7 @@ def zones_stand_in_the_way(scenario: Scenario) -> Iterator[str]:
 
 
 def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
-    """Requests that hold more than the bandwidth of any drone, so that none ever serves them."""
+    """Yield warnings about requests for more than the bandwidth of any drone."""
     most_bps = scenario.most_bps or math.inf
     demand: Any = scenario.demand
     asked: Mapping[str, float] = {
@@ -158,7 +158,7 @@ def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
 
 
 def losses_have_bounds(scenario: Scenario) -> Iterator[str]:
-    """Path losses of one's own without bounds, which are then sampled."""
+    """Yield warnings about path losses of one's own whose bounds have to be sampled."""
     for key, why in losses_without_bounds(scenario):
         yield (
             f"{key}: it has no method slope, so how fast a level can change is computed from "

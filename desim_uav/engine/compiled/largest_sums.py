@@ -1,7 +1,8 @@
-"""The sums of whole numbers that compiled code has in 64 bits, and what they can be at most.
+"""The largest values of the sums of whole numbers that compiled code keeps in 64 bits.
 
-Python's whole numbers have no end, so only the SimPy engine runs worlds in which a sum might not
-fit. What no world can exceed is not listed here, but in ``docs/explanation/exactness.md``.
+Python's whole numbers are not limited in size, so only the SimPy engine runs worlds in which a sum
+might not fit. Sums that fit in every world are not listed here, but in
+``docs/explanation/exactness.md``.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ floats_at = entries_at(float)
 
 
 def _mean_db(cls: Any) -> Any:
-    """Return the mean loss of a class of path losses as a rule."""
+    """Return a rule that computes the mean loss of a class of path losses."""
     if cls.mean_db is not RowPathLoss.mean_db:
         return ruled(cls.mean_db)
     p_los, los_db, nlos_db = ruled(cls.p_los), ruled(cls.los_db), ruled(cls.nlos_db)
@@ -63,7 +63,7 @@ def _mean_db(cls: Any) -> Any:
 
 @cache
 def _loss_of(cls: Any) -> Any:
-    """Return the loss of a class of path losses, at a carrier and of a branch, as a rule."""
+    """Return a rule for the loss of a class of path losses, at a carrier and of a branch."""
     mean_db, los_db, nlos_db = _mean_db(cls), ruled(cls.los_db), ruled(cls.nlos_db)
 
     @rule
@@ -93,7 +93,7 @@ def _level(cls: Any, values_at: Any) -> Any:
 
 @cache
 def _rates_of(cls: Any) -> Any:
-    """Return ``rates`` of a class of path losses, at a carrier, as a rule.
+    """Return a rule that computes ``rates`` of a class of path losses at a carrier.
 
     If the class has no bounds, they are sampled at the carrier.
     """

@@ -14,13 +14,13 @@ import numpy as np
 from desim_uav.model.kernels import rule
 
 SAFETY = 2.0
-"""A level is taken to change at most so many times as fast as at the sampled places."""
+"""Bounds are so many times the fastest change at the sampled places."""
 
 STEP = 1e-4
-"""The differences of losses are those over so large a share of the distance in space."""
+"""The step of a numerical derivative, as a share of the distance in space."""
 
 LEAST_SHARE = 1e-3
-"""Samples are not lower above the user than by this share of the height of their centre."""
+"""The least height of a sample above the user, as a share of the height of their centre."""
 
 PLACES = tuple(
     (share * math.cos(math.radians(degrees)), share * math.sin(math.radians(degrees)))
@@ -34,7 +34,7 @@ _UP = tuple(up for _, up in PLACES)
 
 
 def sampled_rates(loss_db: Any) -> Any:
-    """Return ``rates`` of a path loss, at a carrier, as a rule.
+    """Return a rule that computes ``rates`` of a path loss at a carrier.
 
     ``loss_db`` is a rule of the path loss, the carrier in GHz, the branch, the distance and the
     height.
