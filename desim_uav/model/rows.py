@@ -229,8 +229,13 @@ def _has_tables(cls: type[Row]) -> bool:
 
 
 def bound(*rows: Row) -> None:
-    """Let all tables and queues of rows, and of the rows in them, check each index from now on."""
+    """Let all tables and queues of rows, and of the rows in them, check each index from now on.
+
+    In the SimPy engine a field of a row may hold another object of Python, or None; it is left out.
+    """
     for one in rows:
+        if not isinstance(one, Row):
+            continue
         for name, kind in one.kinds.items():
             value = getattr(one, name)
             if is_row(kind):

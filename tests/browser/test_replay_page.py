@@ -60,6 +60,7 @@ RUNS = {
         ("drones.admission={kind: 'tests.engine.helpers:Loss'}", "drones.bandwidth_kbps=400"),
     ),
     "radio": (RADIO, "random", ()),
+    "far": (RADIO, "random", ("drones.count=1", "access_points=[]", "drones.radio.power_dbm=0")),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
     "mixed": (MIXED, "random", ()),

@@ -24,5 +24,5 @@ def test_each_client_has_a_row():
     named = {word for row in TABLE for word in row.arguments}
     here = (f"tests/clients/{file.name}" for file in Path(__file__).parent.glob("test_*.py"))
     for file in here:
-        if not file.endswith(("rows.py", "missing.py")):
+        if not file.endswith(("rows.py", "missing.py", "one_discount.py")):
             assert file in named

@@ -17,8 +17,15 @@ LONG = ("--episodes", 10**6)
 ENDLESS = {
     "run": ("run", "case8", *LONG, "--out"),
     "train": ("train", "case8", *LONG, "--out"),
-    "sweep": ("sweep", "case8", *LONG, "--out"),
-    "sweep-train": ("sweep", "case8", "--train", "-S", "learning.episodes=1000000", "--out"),
+    "sweep": ("sweep", "case8", "--policies", "hover,random", *LONG, "--out"),
+    "sweep-train": (
+        "sweep",
+        "case8",
+        "--train",
+        "-S",
+        "learning.episodes=1000000,1000001",
+        "--out",
+    ),
     "compare": ("compare", "case8", "--policies", "hover", *LONG, "--out"),
     "reproduce": ("reproduce", *LONG, "--out"),
 }

@@ -56,7 +56,7 @@ def sweep_figure(found: Content, measures: Sequence[str]) -> Figure:
                 _draw_heat(figure, axes, found, measure, policies)
             else:
                 _draw_lines(axes, found, measure, policies)
-            label = LOOKS[measure][0].replace(" %", ", %").replace(" it.", ", steps")
+            label = LOOKS[measure][0].replace(" %", ", %").replace(" steps", ", steps")
             axes.set_title(label if policies is None else f"{short(policies)}: {label}")
     if not heat:
         handles, names = panels[0][0].get_legend_handles_labels()
