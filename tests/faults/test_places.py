@@ -14,18 +14,12 @@ from tests.report.helpers import make_run
 
 SMALL = ("users.count=12", "episode.steps=8")
 LONG = ("--episodes", 10**6)
+MANY = ("-S", "learning.episodes=1000000,1000001")
 ENDLESS = {
     "run": ("run", "case8", *LONG, "--out"),
     "train": ("train", "case8", *LONG, "--out"),
     "sweep": ("sweep", "case8", "--policies", "hover,random", *LONG, "--out"),
-    "sweep-train": (
-        "sweep",
-        "case8",
-        "--train",
-        "-S",
-        "learning.episodes=1000000,1000001",
-        "--out",
-    ),
+    "sweep-train": ("sweep", "case8", "--train", *MANY, "--out"),
     "compare": ("compare", "case8", "--policies", "hover", *LONG, "--out"),
     "reproduce": ("reproduce", *LONG, "--out"),
 }
