@@ -51,7 +51,7 @@ def main() -> None:
         shown = engine.reset(path)
         given = []
         while not (shown.terminated or shown.truncated):
-            given.append(decide(policy, shown))
+            given.append(decide(policy, shown, world))
             shown = engine.step(given[-1])
         commands.append(given)
         keys += _keys(engine.log, set())
