@@ -142,6 +142,7 @@ def test_nobody_reads_the_progress(monkeypatch):
     notices.notice("1 of 2 episodes")
 
 
+@pytest.mark.thorough
 def test_a_folder_with_a_hostile_name(tmp_path):
     """``bench verify *`` names it."""
     place = tmp_path / "a\x1b[2Jb"

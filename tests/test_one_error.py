@@ -129,6 +129,7 @@ class TestPolicies:
         assert said in str(caught.value)
         assert str(caught.value).count("unknown policy") <= 1
 
+    @pytest.mark.thorough
     def test_a_class_in_a_file(self, cli_run):
         ended = cli_run("run", "tiny", "--policy", "./north_of_test.py:North")
         assert (ended.code, ended.out.splitlines()[-1]) == (0, "runs/tiny-north_of_test-North-s1")

@@ -263,6 +263,7 @@ def test_an_engine_in_a_pickle_is_refused_after_a_change(folder: Path):
         pickle.loads(pickled)
 
 
+@pytest.mark.thorough
 def test_runs_before_and_after_a_change_are_not_compared(folder: Path, tmp_path: Path):
     for seed in (1, 2):
         again(folder)

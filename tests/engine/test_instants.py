@@ -214,6 +214,7 @@ def apart(association: Any, loss: str) -> World:
 @pytest.mark.usefixtures("every_engine")
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("association", ["strongest", {**A3, "time_to_trigger_ms": 3}])
+@pytest.mark.thorough
 def test_users_take_the_drone_that_becomes_the_strongest_when_drones_part(
     association: Any, loss: str
 ) -> None:

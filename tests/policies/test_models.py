@@ -93,6 +93,7 @@ class TestModelsOfStableBaselines:
             du.run("case8", radar, policy=self.model(sb3, env))
 
 
+@pytest.mark.thorough
 def test_no_library_is_imported_to_tell_what_a_policy_is():
     code = (
         "import sys, desim_uav as du\n"
