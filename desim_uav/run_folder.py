@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 200
 HOLDER = "process"
-"""What the content of a lock file begins with."""
+"""The first word in each of our lock files, by which they are told from other files."""
 
 fcntl: Any = None
 with suppress(ImportError):

@@ -93,4 +93,4 @@ class Bounds(Found):
 
 
 OF_MEANS = ("mean", "half_width", "low", "high")
-"""What is shown of each mean over seeds."""
+"""The columns that a result shows of each mean over seeds."""

@@ -1,4 +1,4 @@
-"""How a command ends: what is complained of."""
+"""Messages about the problems with which a command ends."""
 
 from __future__ import annotations
 

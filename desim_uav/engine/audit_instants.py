@@ -51,7 +51,7 @@ class Seen:
 
 
 SEEN: WeakKeyDictionary[Simulation, Seen] = WeakKeyDictionary()
-"""What has been seen of each simulation."""
+"""What the audit has noted of each simulation so far."""
 
 
 def audit_instant(simulation: Simulation) -> None:

@@ -13,7 +13,7 @@ from desim_uav.rules.decide import can_take
 from desim_uav.world import World
 
 MOST_SHOWN = 80
-"""How many characters of an answer are shown."""
+"""The largest number of characters of an answer that a message shows."""
 
 
 class NoCommandError(ValueError):

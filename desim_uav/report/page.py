@@ -44,7 +44,7 @@ class Reported(Run):
 
     @property
     def place(self) -> str:
-        """Where the run is, for its readers."""
+        """The path of the run's folder as the page shows it, or that the run is in memory."""
         return "in memory" if self.passing else str(self.folder)
 
     @property

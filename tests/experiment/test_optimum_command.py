@@ -326,7 +326,7 @@ def test_the_function_refuses_other_models(keys, problems):
 
 
 def told_of(lines, beginning, problems):
-    """Whether each line tells one of the problems, as that of an override."""
+    """Return whether each line tells one of the problems, and blames an override for it."""
     return len(lines) == len(problems) and all(
         line.startswith(beginning) and line.endswith(f": {problem}")
         for line, problem in zip(lines, problems, strict=True)
