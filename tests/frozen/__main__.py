@@ -1,8 +1,8 @@
-"""``python -m tests.frozen``: compare every frozen run with its digests, or write them anew.
+"""``python -m tests.frozen [--write] [SET …]``: compare frozen runs with their digests, or write.
 
 A run is written only if both engines give the same tables. The digests of another checkout's
 engines are written with ``PYTHONPATH=CHECKOUT python -m tests.frozen --write``, in a folder that
-holds a copy of ``tests/frozen`` and nothing else.
+holds a copy of ``tests/frozen`` and of what it imports, and nothing else.
 """
 
 from __future__ import annotations
@@ -10,18 +10,23 @@ from __future__ import annotations
 import sys
 
 from tests.frozen.known import circumstances, differences, known, write
+from tests.frozen.programs import sets
 
 
 def main(arguments: list[str]) -> int:
     """Compare, or write with ``--write``; return the exit code."""
-    if arguments not in ([], ["--write"]):
-        print("usage: python -m tests.frozen [--write]", file=sys.stderr)
+    writes, chosen = "--write" in arguments, [word for word in arguments if word != "--write"]
+    if not set(chosen) <= set(sets()):
+        print(f"usage: python -m tests.frozen [--write] {[*sets()]}", file=sys.stderr)
         return 2
-    found = write() if arguments else differences()
-    for line in [*found, *(circumstances() if found else [])]:
-        print(line, file=sys.stderr)
-    print(f"{len(known()['programs'])} runs and trainings: {len(found)} tables differ")
-    return 1 if found else 0
+    failed = False
+    for name in chosen or sets():
+        found = write(name) if writes else differences(name)
+        for line in [*found, *(circumstances(name) if found else [])]:
+            print(line, file=sys.stderr)
+        print(f"{name}: {len(known(name)['programs'])} programs, {len(found)} tables differ")
+        failed = failed or bool(found)
+    return int(failed)
 
 
 if __name__ == "__main__":

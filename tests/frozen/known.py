@@ -1,4 +1,4 @@
-"""The file of the digests: how it is read, compared and written."""
+"""The files of the digests: how they are read, compared and written."""
 
 from __future__ import annotations
 
@@ -13,70 +13,78 @@ from typing import Any
 
 import desim_uav
 from desim_uav.records import TABLES
-from tests.frozen.programs import ENGINES, Run, Training, programs
+from tests.frozen.programs import ENGINES, Program, Sets, sets
 from tests.frozen.scenarios import HERE
 
-FILE = HERE / "digests.json"
 COMMAND = "python -m tests.frozen --write"
 
 
 @cache
-def known() -> dict[str, Any]:
-    """Return the content of the file."""
-    content: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
+def known(name: Sets) -> dict[str, Any]:
+    """Return the content of a file."""
+    content: dict[str, Any] = json.loads(file_of(name).read_text(encoding="utf-8"))
     return content
 
 
+def file_of(name: Sets) -> Path:
+    """Return the file of a set of programs."""
+    return HERE / f"{name}.json"
+
+
 def differences(
-    chosen: Iterable[Run | Training] | None = None, engines: tuple[str, ...] = ENGINES
+    name: Sets,
+    chosen: Iterable[Program] | None = None,
+    engines: tuple[str, ...] = ENGINES,
 ) -> list[str]:
-    """Return which tables of which runs differ from the frozen ones: a line for each."""
+    """Return which tables of which runs of a set differ from the frozen ones: a line for each."""
     found = []
-    for program in programs() if chosen is None else chosen:
-        expected = known()["programs"][str(program)]
+    for program in sets()[name]() if chosen is None else chosen:
+        expected = known(name)["programs"][str(program)]
         for engine in engines:
-            digests = program.digests(engine, known()["columns"])
+            digests = program.digests(engine, known(name)["columns"])
             found += [
-                f"{program}, engine {engine}: the table {name!r} is not the frozen one"
-                for name in expected
-                if digests[name] != expected[name]
+                f"{program}, engine {engine}: the table {table!r} is not the frozen one"
+                for table in expected
+                if digests[table] != expected[table]
             ]
     return found
 
 
-def circumstances() -> list[str]:
+def circumstances(name: Sets) -> list[str]:
     """Return in what this machine differs from the one on which the digests were made."""
-    frozen, here = known()["made_with"], _made_with()
+    frozen, here = known(name)["made_with"], _made_with()
     return [
-        f"the digests were made with {name} {frozen[name]}, and this is {name} {here[name]}"
-        for name in frozen
-        if frozen[name] != here[name]
+        f"the digests were made with {key} {frozen[key]}, and this is {key} {here[key]}"
+        for key in frozen
+        if frozen[key] != here[key]
     ]
 
 
-def write() -> list[str]:
-    """Write the digests of all runs, unless the engines differ; return in which tables they do."""
-    columns = {name: dict(table) for name, table in TABLES.items()}
+def write(name: Sets) -> list[str]:
+    """Write the digests of a set, unless the engines differ; return in which tables they do."""
+    columns = {table: dict(types) for table, types in TABLES.items()}
     of_program, apart = {}, []
-    for program in programs():
+    for program in sets()[name]():
         one, *others = (program.digests(engine, columns) for engine in ENGINES)
         apart += [
-            f"{program}: the table {name!r} depends on the engine"
+            f"{program}: the table {table!r} depends on the engine"
             for other in others
-            for name in one
-            if other[name] != one[name]
+            for table in one
+            if other[table] != one[table]
         ]
         of_program[str(program)] = one
     if not apart:
-        FILE.write_text(_text(columns, of_program), encoding="utf-8")
+        file_of(name).write_text(_text(name, columns, of_program), encoding="utf-8")
         known.cache_clear()
     return apart
 
 
-def _text(columns: dict[str, dict[str, str]], of_program: dict[str, dict[str, str]]) -> str:
+def _text(
+    name: Sets, columns: dict[str, dict[str, str]], of_program: dict[str, dict[str, str]]
+) -> str:
     """JSON with a line per run, so that a change shows which runs it concerns."""
     head = {
-        "command": COMMAND,
+        "command": f"{COMMAND} {name}",
         "commit": _commit(),
         "made_with": _made_with(),
         "columns": columns,

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
 
 import desim_uav
 from tests.frozen.digest import of_array, of_table
-from tests.frozen.scenarios import CASES, SCENARIOS, of_name
+from tests.frozen.scenarios import CASES, COMMITTED, RANDOM, ROOT, SCENARIOS, of_name, of_seed
 
 ENGINES = ("des", "batch")
 RUN_TABLES = ("requests", "steps", "episodes", "users", "events", "legs")
 
 Columns = dict[str, dict[str, str]]
 """Of each table the columns that are frozen, with their types."""
+
+
+class Program(Protocol):
+    """What is frozen: its text is its name."""
+
+    def digests(self, engine: str, columns: Columns) -> dict[str, str]:
+        """Return the digest of each table."""
 
 
 class Run(NamedTuple):
@@ -96,6 +103,31 @@ class Training(NamedTuple):
         return {"training": of_table(result.curve, columns["training"]), "policy": of_array(values)}
 
 
+class Episode(NamedTuple):
+    """One episode of a committed scenario, or of a random one with everything (its number)."""
+
+    scenario: str | int
+    policy: str
+
+    def __str__(self) -> str:
+        name = f"random {self.scenario}" if isinstance(self.scenario, int) else self.scenario
+        return f"{name}, {self.policy}"
+
+    def digests(self, engine: str, columns: Columns) -> dict[str, str]:
+        """Return the digest of each table of the run."""
+        result = desim_uav.run(
+            of_seed(self.scenario) if isinstance(self.scenario, int) else ROOT / self.scenario,
+            policy=self.policy,
+            seed=3,
+            warmup=0,
+            episodes=1,
+            events=True,
+            engine=engine,
+            progress=False,
+        )
+        return {name: of_table(getattr(result, name), columns[name]) for name in RUN_TABLES}
+
+
 POLICIES = ("baseline", "random", "learned")
 ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
 TRAINED = ("case1", "case5", "case8", "case9", "replaced at once", "crash ends the episode")
@@ -113,8 +145,24 @@ def trainings(scenario: str) -> list[Training]:
 
 
 def programs() -> Iterator[Run | Training]:
-    """Return everything that is frozen."""
+    """Return the frozen runs and trainings of the nine cases and of cases with changed keys."""
     for scenario in SCENARIOS:
         yield from runs(scenario)
     for scenario in TRAINED:
         yield from trainings(scenario)
+
+
+def episodes() -> Iterator[Episode]:
+    """Return the frozen episodes."""
+    for scenario in COMMITTED:
+        yield Episode(scenario, "random")
+    for seed in RANDOM:
+        yield Episode(seed, "random")
+
+
+Sets = Literal["digests", "episodes"]
+
+
+def sets() -> dict[Sets, Callable[[], Iterator[Program]]]:
+    """Return the programs of each file of digests."""
+    return {"digests": programs, "episodes": episodes}

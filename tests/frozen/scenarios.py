@@ -1,12 +1,17 @@
 """The scenarios whose runs are frozen: the nine cases, and cases with other components and values.
 
-Together the changed ones have every kind of demand, mobility, reward, crash and timing.
+Together the changed ones have every kind of demand, mobility, reward, crash and timing of the
+paper. The other committed scenarios, the benchmark's tasks and random scenarios have the rest.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+
+from desim_uav.scenario.schema import Scenario
+from tests.engine import random_all
+from tests.engine.random_parts import accepted
 
 HERE = Path(__file__).parent
 
@@ -117,3 +122,16 @@ SCENARIOS = [*CASES, *CHANGED]
 def of_name(name: str) -> tuple[str, dict[str, Any]]:
     """Return the shipped scenario and the changed keys of a frozen scenario."""
     return CHANGED.get(name, (name, {}))
+
+
+ROOT = HERE.parents[1] / "scenarios"
+COMMITTED = sorted(str(file.relative_to(ROOT)) for file in ROOT.rglob("*.yaml"))
+"""All committed scenarios, with the tasks of the benchmark."""
+
+RANDOM = range(40)
+"""The random scenarios of everything that are frozen."""
+
+
+def of_seed(seed: int) -> Scenario:
+    """Return a random scenario of everything."""
+    return accepted(random_all.one_of_all, seed).scenario

@@ -17,8 +17,10 @@ from tests.frozen.programs import (
     POLICIES,
     SEEDS,
     TRAINED,
+    Episode,
     Run,
     Training,
+    episodes,
     programs,
     runs,
     trainings,
@@ -30,8 +32,8 @@ QUICK = {"des": "random", "batch": "learned"}
 
 
 def check(chosen: list[Run] | list[Training], engine: str) -> None:
-    found = differences(chosen, (engine,))
-    assert not found, "\n".join([*found, *circumstances()])
+    found = differences("digests", chosen, (engine,))
+    assert not found, "\n".join([*found, *circumstances("digests")])
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -59,6 +61,25 @@ def test_every_training(engine: str, scenario: str):
     check(trainings(scenario), engine)
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("program", episodes(), ids=str)
+def test_an_episode_of_every_scenario(program: Episode):
+    engines = ENGINES if is_small(program) else ("batch",)
+    found = differences("episodes", [program], engines)
+    assert not found, "\n".join([*found, *circumstances("episodes")])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", episodes(), ids=str)
+def test_an_episode_of_every_scenario_in_both_engines(program: Episode):
+    if not is_small(program):
+        assert not differences("episodes", [program], ENGINES)
+
+
+def is_small(program: Episode) -> bool:
+    return isinstance(program.scenario, int) or not program.scenario.startswith("bench")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", SCENARIOS)
 @pytest.mark.parametrize("engine", ENGINES)
@@ -70,9 +91,11 @@ def test_every_policy_on_every_seed(engine: str, scenario: str):
 
 
 def test_everything_is_frozen():
-    assert list(known()["programs"]) == [str(program) for program in programs()]
+    frozen = known("digests")["programs"]
+    assert list(frozen) == [str(program) for program in programs()]
     of_runs, of_trainings = len(SCENARIOS) * len(POLICIES) * len(SEEDS), 4 * len(TRAINED)
-    assert len(known()["programs"]) == of_runs + of_trainings
+    assert len(frozen) == of_runs + of_trainings
+    assert list(known("episodes")["programs"]) == [str(episode) for episode in episodes()]
 
 
 KINDS = {
@@ -101,10 +124,10 @@ def test_every_kind_is_frozen(key: str):
 
 def test_a_difference_is_named(monkeypatch: pytest.MonkeyPatch):
     run = Run("case1", "baseline", 0)
-    frozen = known()["programs"][str(run)]
-    other = known() | {"programs": {str(run): frozen | {"steps": "0" * 16}}}
-    monkeypatch.setattr("tests.frozen.known.known", lambda: other)
-    (found,) = differences([run], ("batch",))
+    frozen = known("digests")["programs"][str(run)]
+    other = known("digests") | {"programs": {str(run): frozen | {"steps": "0" * 16}}}
+    monkeypatch.setattr("tests.frozen.known.known", lambda name: other)
+    (found,) = differences("digests", [run], ("batch",))
     assert found.startswith("case1, baseline, seed 0, engine batch: the table 'steps'")
 
 
