@@ -58,7 +58,7 @@ def test_rewards_are_compared_seed_by_seed():
     line = script["line"]("case8", "qoe", of([81.0, 84.0, 87.0], 0.05), kept)
     half = stats.t.ppf(0.975, 2) / math.sqrt(3)
     gain = f"+2.0 ± {half:.1f}"
-    assert line == f"| 8 | qoe | 84.0 | {gain} | 74.0 | {gain} | 0.050 |"
+    assert line == f"| 8 | qoe | 84.0 | {gain} | 74.0 | {gain} | 0.050 ± 0.000 |"
     lone = script["line"]("case8", "qoe", of([81.0], 0.0), kept[:1])
     assert lone == "| 8 | qoe | 81.0 | +1.0 | 71.0 | +1.0 | 0.000 |"
 
