@@ -94,7 +94,7 @@ def arguments():
     parser.add_argument("--seeds", type=int, default=5, help="how many seeds")
     parser.add_argument("--against", choices=REWARDS, help="the reward of the differences")
     parser.add_argument("asked", nargs="*", help="cases, and rewards as NAME={kind: …}")
-    given = parser.parse_args()
+    given = parser.parse_intermixed_args()
     cases = [f"case{text}" for text in given.asked if "=" not in text] or ["case4", "case8"]
     pairs = (text.split("=", 1) for text in given.asked if "=" in text)
     own = {name: yaml.safe_load(text) for name, text in pairs}
