@@ -58,9 +58,19 @@ def test_rewards_are_compared_seed_by_seed():
     line = script["line"]("case8", "qoe", of([81.0, 84.0, 87.0], 0.05), kept)
     half = stats.t.ppf(0.975, 2) / math.sqrt(3)
     gain = f"+2.0 ± {half:.1f}"
-    assert line == f"| 8 | qoe | 84.0 | {gain} | 74.0 | {gain} | 0.050 |"
+    assert line == f"| 8 | qoe | 84.0 | {gain} | 74.0 | {gain} | 0.050 ± 0.000 |"
     lone = script["line"]("case8", "qoe", of([81.0], 0.0), kept[:1])
     assert lone == "| 8 | qoe | 81.0 | +1.0 | 71.0 | +1.0 | 0.000 |"
+
+
+def test_rewards_are_asked_for_in_any_order(monkeypatch):
+    script = runpy.run_path(str(SCRIPTS / "rewards.py"), run_name="rewards")
+    asked = ["2", "3", "--seeds", "2", "--against", "qoe", "mine={kind: coverage, capped: false}"]
+    monkeypatch.setattr("sys.argv", ["rewards.py", *asked])
+    cases, seeds, rewards, against = script["arguments"]()
+    assert (cases, seeds, against) == (["case2", "case3"], range(9000, 9002), "qoe")
+    assert rewards["mine"] == {"kind": "coverage", "capped": False}
+    assert rewards.keys() - script["REWARDS"].keys() == {"mine"}
 
 
 SMALL = ["users.count=16", "episode.steps=20"]
