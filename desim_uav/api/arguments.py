@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import operator
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -26,6 +27,8 @@ from desim_uav.shipped import find_scenario
 
 ScenarioLike = str | Path | Mapping[str, Any] | Scenario
 """A shipped scenario's name, a scenario file, its content as a mapping, or a loaded scenario."""
+
+OURS = f"{__name__.partition('.')[0]}."
 
 MOST_EPISODES, MOST_TRAINING = 10**6, 10**7
 MOST_SEEDS, MOST_JOBS, LAST_FIRST_SEED = 10**6, 1024, 2**62
@@ -122,7 +125,10 @@ def between(name: str, value: float, low: float, high: float) -> float:
 
 def warn(text: str) -> None:
     """Warn the caller of the Python interface; the command line prints it."""
-    warnings.warn(text, DesimWarning, stacklevel=3)
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith(OURS):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, DesimWarning, stacklevel=level)
 
 
 def command_of(function: Callable[..., Any], arguments: Mapping[str, Any]) -> list[str]:

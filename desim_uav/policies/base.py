@@ -17,6 +17,7 @@ from desim_uav.policies.function import Choice, Function
 from desim_uav.registry import FAULTS, did_you_mean, names, resolve, what_failed
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_table, trained_names
+from desim_uav.typed import typed
 from desim_uav.world import World
 
 if TYPE_CHECKING:
@@ -183,6 +184,7 @@ def file_of(name: str) -> Path | None:
     return found
 
 
+@typed
 def load_policy(policy: PolicyLike) -> Policy:
     """Return the policy that a name, a file, an object or a function stands for.
 
