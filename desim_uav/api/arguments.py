@@ -55,26 +55,23 @@ def opened(
     world_seed: int | None = None,
     further: Mapping[str, Any] | None = None,
 ) -> Opened:
-    """Open a scenario and set keys of it. Raises ScenarioError, UsageError."""
+    """Open a scenario, set keys of it, and print its warnings. Raises ScenarioError, UsageError."""
     settings = override_texts(overrides or ())
     keys = {"seed": seed, "world_seed": world_seed} | dict(further or {})
     settings += override_texts({key: value for key, value in keys.items() if value is not None})
+    path: Path | None = None
     if isinstance(scenario, str | Path):
         path = find_scenario(str(scenario))
         loaded = at_once(load, path, settings)
-        warn_of(loaded)
-        return Opened(loaded, path, settings)
-    if isinstance(scenario, Scenario):
-        if not settings:
-            return Opened(scenario, None)
+    elif isinstance(scenario, Mapping):
+        loaded = at_once(lambda: from_mapping(scenario, overrides=settings))
+    elif settings:
         plain, source = to_plain(scenario), f"<{scenario.name}>"
-        return Opened(from_mapping(plain, source=source, overrides=settings), None, settings)
-    if not isinstance(scenario, Mapping):
-        raise UsageError(
-            f"scenario: {scenario!r}: must be the name of a shipped scenario, a file, the content "
-            "of one as a mapping, or a Scenario"
-        )
-    return Opened(from_mapping(scenario, overrides=settings), None, settings)
+        loaded = at_once(lambda: from_mapping(plain, source=source, overrides=settings))
+    else:
+        loaded = scenario
+    warn_of(loaded)
+    return Opened(loaded, path, settings)
 
 
 def ranges_of(name: str, numbers: int | str | Sequence[int] | None) -> str | None:
