@@ -23,6 +23,7 @@ from typing import Any, ClassVar, TypeVar
 from desim_uav import own_code
 from desim_uav.errors import DesimError, SimulationError
 from desim_uav.plug_ins import ADMISSION
+from desim_uav.typed import typed
 
 _SLOTS: dict[str, dict[str, type]] = {}
 
@@ -87,6 +88,7 @@ class Checked(Mark):
     check: Callable[[Any], None]
 
 
+@typed
 def register(slot: str, name: str) -> Callable[[T], T]:
     """Register the decorated class as ``name`` in ``slot``, for instance as a "mobility".
 

@@ -21,6 +21,7 @@ from desim_uav.model.streams import (
     states_of,
 )
 from desim_uav.model.walking import RowWalks, Walks
+from desim_uav.typed import typed
 from desim_uav.world import World
 
 MOST_AT_ONCE, AT_ONCE_FOR = 64, 3072
@@ -95,6 +96,7 @@ class SamplePaths:
         )
 
 
+@typed
 def draw(world: World, seed: int, episode: int) -> SamplePath:
     """Draw the sample path of an episode under the run's seed.
 

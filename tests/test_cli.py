@@ -306,6 +306,27 @@ class TestValidate:
         assert cli_run("validate", "tiny", "-S", "episode.steps=2").code == 0
         cli_run("validate", "tiny", "-S", "episode.steps=0").failed(3, "episode.steps=0")
 
+    @pytest.mark.parametrize(
+        ("overrides", "reason"),
+        [
+            (
+                ("reward={kind: 'plugged:Flat'}",),
+                "reward: 'Flat' is not compiled: it does not work on rows",
+            ),
+            (
+                ("drones.battery.autonomy_min=1000000", "episode.steps=100000"),
+                "drones.battery, episode: what a drone may use is too much",
+            ),
+        ],
+    )
+    def test_what_only_simpy_can_run(self, cli_run, overrides, reason):
+        ended = cli_run("validate", "case8", *(part for one in overrides for part in ("-S", one)))
+        assert (ended.code, ended.out) == (0, "case8: valid\n")
+        assert ended.err == (
+            "desim-uav: case8: only the SimPy engine (--engine des) can run this scenario: "
+            f"{reason}\n"
+        )
+
     def test_nothing_to_validate(self, cli_run):
         cli_run("validate").failed(2, "Missing argument")
 

@@ -96,7 +96,12 @@ def test_an_override_from_python_is_blamed_by_its_key():
 
 
 @pytest.mark.parametrize(
-    ("overrides", "part"), [(3, "overrides: 3: must be a mapping"), ([3], "must be a mapping")]
+    ("overrides", "part"),
+    [
+        (3, "overrides: 3: must be a text, a mapping"),
+        ([3], r"overrides: \[3\]: must be a text, a mapping, a sequence of texts or None"),
+        (iter([3]), r"must be a mapping such as {'users.count': 60}, or a list of texts"),
+    ],
 )
 def test_overrides_that_are_none(overrides, part):
     with pytest.raises(UsageError, match=part):
@@ -208,14 +213,14 @@ class TestEnvironments:
         from gymnasium.error import Error
 
         for made in (du.UavEnv, du.UavParallelEnv):
-            with pytest.raises(Error, match=r"must be a whole number from 0 to 2\*\*63 - 1"):
+            with pytest.raises(Error, match=r"^seed:? (-1|'x'|1.5): must be a whole number"):
                 made("tiny", SHORT).reset(seed=seed)
 
     def test_numbers_of_environments(self):
         from gymnasium.error import Error
 
         assert du.UavVectorEnv("tiny", np.int64(2), SHORT).num_envs == 2
-        with pytest.raises(Error, match="num_envs 'x': must be a whole number, 1 or more"):
+        with pytest.raises(Error, match="num_envs: 'x': must be a whole number"):
             du.UavVectorEnv("tiny", "x")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import operator
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -26,6 +27,8 @@ from desim_uav.shipped import find_scenario
 
 ScenarioLike = str | Path | Mapping[str, Any] | Scenario
 """A shipped scenario's name, a scenario file, its content as a mapping, or a loaded scenario."""
+
+OURS = f"{__name__.partition('.')[0]}."
 
 MOST_EPISODES, MOST_TRAINING = 10**6, 10**7
 MOST_SEEDS, MOST_JOBS, LAST_FIRST_SEED = 10**6, 1024, 2**62
@@ -52,26 +55,23 @@ def opened(
     world_seed: int | None = None,
     further: Mapping[str, Any] | None = None,
 ) -> Opened:
-    """Open a scenario and set keys of it. Raises ScenarioError, UsageError."""
+    """Open a scenario, set keys of it, and print its warnings. Raises ScenarioError, UsageError."""
     settings = override_texts(overrides or ())
     keys = {"seed": seed, "world_seed": world_seed} | dict(further or {})
     settings += override_texts({key: value for key, value in keys.items() if value is not None})
+    path: Path | None = None
     if isinstance(scenario, str | Path):
         path = find_scenario(str(scenario))
         loaded = at_once(load, path, settings)
-        warn_of(loaded)
-        return Opened(loaded, path, settings)
-    if isinstance(scenario, Scenario):
-        if not settings:
-            return Opened(scenario, None)
+    elif isinstance(scenario, Mapping):
+        loaded = at_once(lambda: from_mapping(scenario, overrides=settings))
+    elif settings:
         plain, source = to_plain(scenario), f"<{scenario.name}>"
-        return Opened(from_mapping(plain, source=source, overrides=settings), None, settings)
-    if not isinstance(scenario, Mapping):
-        raise UsageError(
-            f"scenario: {scenario!r}: must be the name of a shipped scenario, a file, the content "
-            "of one as a mapping, or a Scenario"
-        )
-    return Opened(from_mapping(scenario, overrides=settings), None, settings)
+        loaded = at_once(lambda: from_mapping(plain, source=source, overrides=settings))
+    else:
+        loaded = scenario
+    warn_of(loaded)
+    return Opened(loaded, path, settings)
 
 
 def ranges_of(name: str, numbers: int | str | Sequence[int] | None) -> str | None:
@@ -122,7 +122,10 @@ def between(name: str, value: float, low: float, high: float) -> float:
 
 def warn(text: str) -> None:
     """Warn the caller of the Python interface; the command line prints it."""
-    warnings.warn(text, DesimWarning, stacklevel=3)
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith(OURS):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, DesimWarning, stacklevel=level)
 
 
 def command_of(function: Callable[..., Any], arguments: Mapping[str, Any]) -> list[str]:

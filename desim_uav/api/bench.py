@@ -15,6 +15,7 @@ from desim_uav.experiment.bench.tasks import ENGINE, SEEDS, find_task, find_trac
 from desim_uav.experiment.bench.verify import differences
 from desim_uav.experiment.command import label_of
 from desim_uav.experiment.progress import progress as shown
+from desim_uav.typed import typed
 
 __all__ = ["Leaderboard", "Submitted", "bench_board", "bench_list", "bench_run", "bench_verify"]
 
@@ -27,6 +28,7 @@ def bench_list() -> dict[str, Any]:
     return listing()
 
 
+@typed
 def bench_run(
     task: str,
     policy: str | Path | Sequence[str | Path],
@@ -91,6 +93,7 @@ def bench_run(
     return done
 
 
+@typed
 def bench_verify(
     folder: str | Path, *, decide: bool = False, jobs: int = 1, progress: bool = True
 ) -> list[str]:
@@ -113,6 +116,7 @@ def bench_verify(
         return differences(found, decide=decide, jobs=jobs, on_run=advance)
 
 
+@typed
 def bench_board(
     folders: Sequence[str | Path],
     *,

@@ -24,10 +24,12 @@ from desim_uav.policies.base import PolicyLike
 from desim_uav.run_folder import file_place
 from desim_uav.scenario.draft import named_override
 from desim_uav.scenario.load import Overrides, override_texts
+from desim_uav.typed import typed
 
 __all__ = ["Comparison", "compare", "compare_runs"]
 
 
+@typed
 def compare(
     scenario: ScenarioLike,
     overrides: Overrides | None = None,
@@ -103,6 +105,7 @@ def compare(
     return _whole(comparison)
 
 
+@typed
 def compare_runs(
     folders: Sequence[str | Path | InFolders],
     *,
@@ -123,7 +126,7 @@ def compare_runs(
         UsageError: ``against`` is not one of the policies, or ``out`` cannot be written.
     """
     place = None if out is None else file_place(Path(out), "--out")
-    with in_folders(each_of(folders)) as sources:
+    with in_folders("folders", each_of("folders", folders)) as sources:
         if not sources:
             raise UsageError("folders: give at least one run")
         comparison = finished.compare_runs([source.folder for source in sources], against)

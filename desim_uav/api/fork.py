@@ -18,6 +18,7 @@ from desim_uav.experiment.progress import progress as shown
 from desim_uav.experiment.replay.again import Source
 from desim_uav.policies.base import PolicyLike, load_policy, policy_name
 from desim_uav.scenario.load import Overrides
+from desim_uav.typed import typed
 
 
 class Counterfactual:
@@ -59,6 +60,7 @@ class Counterfactual:
         with self.original.sources() as original, self.other.sources() as other:
             yield [*original, *other]
 
+    @typed
     def replay(self, file: str | Path | None = None, *, progress: bool = True) -> Replay:
         """Make the page that plays both branches side by side, from the fork's episode on.
 
@@ -79,6 +81,7 @@ class Counterfactual:
         )
 
 
+@typed
 def counterfactual(
     scenario: arguments.ScenarioLike,
     overrides: Overrides | None = None,

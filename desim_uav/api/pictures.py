@@ -16,6 +16,7 @@ from desim_uav.experiment.replay.page import write_replay as write_page
 from desim_uav.experiment.report import NAME, make_report
 from desim_uav.run_folder import file_place
 from desim_uav.scenario.schema import Scenario
+from desim_uav.typed import typed
 from desim_uav.world import World, build_world
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ Shown = str | Path | InFolders
 """What a page or a film is made of: a result, or the path of a folder."""
 
 
+@typed
 def plot(
     kind: str,
     runs: Drawn | Sequence[Drawn] = (),
@@ -89,14 +91,14 @@ def plot(
             options[name] = whole(name, options[name], low, 10**9)
     if minute is not None:
         options["minute"] = between("minute", minute, 0.0, 1e9)
-    given = each_of(runs, Comparison, Scenario, World)
+    given = each_of("runs", runs, Comparison, Scenario, World)
     figures.chosen(kind, len(given), options)
     target = None if out is None else figures.Target(Path(out), "out")
     drawn: list[Any] = []
     others: list[Any] = []
     for one in given:
         (drawn if isinstance(one, Comparison | Scenario | World) else others).append(one)
-    with in_folders(others) as sources:
+    with in_folders("runs", others) as sources:
         several = figures.KINDS[kind].several
         found = [*map(_drawable, drawn), *(sources if several else sources[:1])]
         figure = figures.draw(kind, found, options, progress)
@@ -105,6 +107,7 @@ def plot(
     return figure
 
 
+@typed
 def film(
     run: Shown,
     file: str | Path | None = None,
@@ -139,7 +142,7 @@ def film(
     ending = place.suffix.lower()
     if ending not in (".gif", ".mp4"):
         raise UsageError(f"file {place}: the file's name must end in .gif or .mp4")
-    with in_folders([run]) as sources:
+    with in_folders("run", [run]) as sources:
         figures.film(
             sources[0],
             place if ending == ".gif" else None,
@@ -153,6 +156,7 @@ def film(
     return place
 
 
+@typed
 def write_report(
     runs: Shown | Sequence[Shown],
     out: str | Path | None = None,
@@ -177,7 +181,7 @@ def write_report(
         UsageError: the file cannot be written, or ``against`` is not one of the policies.
         PolicyError: a folder cannot be read, or the runs cannot be compared.
     """
-    given = each_of(runs)
+    given = each_of("runs", runs)
     file = _default(given, NAME) if out is None else Path(out)
     return report_of(given, title, against, file, progress).save(file)
 
@@ -192,11 +196,12 @@ def report_of(
     """Make the page that ``write_report`` writes, to be written to ``file``."""
     if file is not None:
         file_place(file)
-    with in_folders(given) as sources:
+    with in_folders("runs", given) as sources:
         text = make_report(sources, file or Path(NAME), title, against, progress)
     return Page(text.encode(), NAME)
 
 
+@typed
 def write_replay(
     run_dir: Shown,
     html: str | Path | None = None,
@@ -230,12 +235,13 @@ def write_replay(
     file = None if html is None else Path(html)
     if file is None and _folder(run_dir) is None:
         file = Path("replay.html")
-    with in_folders([run_dir]) as shown, in_folders([] if beside is None else [beside]) as second:
-        two = hasattr(run_dir, "difference") and len(shown) == 2  # of a counterfactual
-        if two and beside is not None:
+    others = [] if beside is None else [beside]
+    with in_folders("run_dir", [run_dir]) as shown, in_folders("beside", others) as second:
+        pair = hasattr(run_dir, "difference") and len(shown) == 2  # of a counterfactual
+        if pair and beside is not None:
             raise UsageError("beside: a counterfactual has two branches, so nothing fits beside it")
-        other = shown[1] if two else second[0] if second else None
-        if two and episodes is None:
+        other = shown[1] if pair else second[0] if second else None
+        if pair and episodes is None:
             episodes = run_dir.shown  # type: ignore[union-attr]
         wanted = ranges_of("episodes", episodes)
         return Replay(write_page(shown[0], file, wanted, progress, most_bytes, other))

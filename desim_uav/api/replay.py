@@ -10,6 +10,7 @@ from typing import Any
 from desim_uav.experiment.replay.page import Made, Written
 from desim_uav.report.markup import tag
 from desim_uav.run_folder import file_place, write_at
+from desim_uav.typed import typed
 
 HEIGHT_PX = 720
 
@@ -26,6 +27,7 @@ class Page:
         """The page itself."""
         return self._content.decode()
 
+    @typed
     def save(self, file: str | Path) -> Path:
         """Write the page, in new folders if need be. Raises UsageError where that fails."""
         write_at(file_place(Path(file)), self._content)

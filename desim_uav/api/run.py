@@ -28,6 +28,7 @@ from desim_uav.report.text import MEASURES
 from desim_uav.run_folder import Place, Replaced
 from desim_uav.scenario.load import Overrides
 from desim_uav.scenario.schema import Scenario
+from desim_uav.typed import typed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,6 +137,7 @@ class RunResult:
     @overload
     def qoe(self, by: str) -> pd.DataFrame: ...
 
+    @typed
     def qoe(self, by: str | None = None) -> pd.Series | pd.DataFrame:
         """Return the quality of experience: QoE1 to QoE3 and all other measures.
 
@@ -185,12 +187,14 @@ class RunResult:
         """Return for each seed the measures of everything together, and what was run."""
         return [run.summary for run in self._runs]
 
+    @typed
     def groups(self, by: str = "service") -> list[list[dict[str, Any]]]:
         """Return for each seed the measures of each group of requests, see ``qoe``."""
         return [run.groups(by) for run in self._runs]
 
     # ---- what to do with it
 
+    @typed
     def save(self, folder: str | Path | None = None) -> list[Path]:
         """Write the run folder that the command line writes; with ``seeds``, one per seed.
 
@@ -214,6 +218,7 @@ class RunResult:
         out = Path(folder)
         return default_place(run, out / f"s{run.manifest['seed']}" if self._several else out)
 
+    @typed
     def replay(
         self,
         file: str | Path | None = None,
@@ -252,6 +257,7 @@ class RunResult:
             page.save(file)
         return page
 
+    @typed
     def plot(
         self,
         kind: str = "services",
@@ -275,6 +281,7 @@ class RunResult:
 
         return plot(kind, self if seed is None else self._alone(seed), out, **options)
 
+    @typed
     def film(
         self, file: str | Path | None = None, *, seed: int | None = None, **options: Any
     ) -> Path:
@@ -290,6 +297,7 @@ class RunResult:
 
         return film(self if seed is None else self._alone(seed), file, **options)
 
+    @typed
     def report(
         self, file: str | Path | None = None, *, title: str | None = None, progress: bool = True
     ) -> Page:
@@ -377,6 +385,7 @@ def _covered_once(run: Kept) -> float:
     return float(shares.mean())
 
 
+@typed
 def run(
     scenario: arguments.ScenarioLike,
     overrides: Overrides | None = None,
@@ -457,6 +466,7 @@ def run(
     return RunResult(kept, seeds is not None)
 
 
+@typed
 def read_run(folder: str | Path) -> RunResult:
     """Read the folder of a finished run; its tables are read when they are asked for.
 

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
-from desim_uav.errors import UsageError
+from desim_uav.errors import UsageError, in_short
 from desim_uav.experiment.replay.again import Source
 
 
@@ -18,18 +18,18 @@ class InFolders(Protocol):
         """Provide folders with the result in a ``with`` block, for instance one for each seed."""
 
 
-def each_of(given: Any, *single: type) -> list[Any]:
-    """Return what was given as a list: one thing, or several in a list or another iterable."""
+def each_of(name: str, given: Any, *single: type) -> list[Any]:
+    """Return an argument as a list: one thing, or several in a list or another iterable."""
     if isinstance(given, (str, Path, *single)) or hasattr(given, "sources"):
         return [given]
     if not isinstance(given, Iterable):
-        raise _unknown(given)
+        raise _unknown(name, given)
     return list(given)
 
 
 @contextmanager
-def in_folders(given: Sequence[str | Path | InFolders]) -> Iterator[list[Source]]:
-    """Provide folders with results in a ``with`` block; paths are taken as they are.
+def in_folders(name: str, given: Sequence[str | Path | InFolders]) -> Iterator[list[Source]]:
+    """Provide folders with the results of an argument in a ``with`` block; paths stay as they are.
 
     Raises UsageError for anything else.
     """
@@ -41,11 +41,12 @@ def in_folders(given: Sequence[str | Path | InFolders]) -> Iterator[list[Source]
             elif hasattr(one, "sources"):
                 found += open_until.enter_context(one.sources())
             else:
-                raise _unknown(one)
+                raise _unknown(name, one)
         yield found
 
 
-def _unknown(given: Any) -> UsageError:
+def _unknown(name: str, given: Any) -> UsageError:
     return UsageError(
-        f"{type(given).__name__}: must be a result of desim_uav, or the path of a folder or file"
+        f"{name}: {in_short(repr(given), 100)}: must be a result of desim_uav, or the path of a "
+        "folder or file"
     )

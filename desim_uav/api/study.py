@@ -21,6 +21,7 @@ from desim_uav.policies.base import policy_name
 from desim_uav.registry import did_you_mean
 from desim_uav.scenario.load import Overrides
 from desim_uav.shipped import find_scenario
+from desim_uav.typed import typed
 
 PRESETS: dict[str, list[str | None]] = {
     "default": [None],
@@ -33,14 +34,15 @@ ROUNDS_OF = "rounds"
 """The unit of the progress of bounds."""
 
 
+@typed
 def sweep(
     scenario: arguments.ScenarioLike,
     values: Overrides = (),
     *,
     out: str | Path,
-    policies: Sequence[str | Path] | None = None,
+    policies: str | Path | Sequence[str | Path] | None = None,
     train: bool = False,
-    algorithms: Sequence[str] | None = None,
+    algorithms: str | Sequence[str] | None = None,
     seeds: int = 10,
     first_seed: int = 0,
     episodes: int = 20,
@@ -94,9 +96,9 @@ def sweep(
     asked = Asked(
         find_scenario(str(scenario)) if isinstance(scenario, str | Path) else scenario,
         values,
-        None if policies is None else [_named(policy) for policy in each_of(policies)],
+        None if policies is None else [_named(policy) for policy in each_of("policies", policies)],
         train,
-        None if algorithms is None else each_of(algorithms),
+        None if algorithms is None else each_of("algorithms", algorithms),
         range(first_seed, first_seed + seeds),
         episodes,
         warmup,
@@ -128,6 +130,7 @@ def _named(policy: object) -> str:
     return policy_name(policy)
 
 
+@typed
 def reproduce(
     cases: str = "1-9",
     *,
@@ -174,6 +177,7 @@ def reproduce(
     return paper.report(rows, Path(out), " ".join(arguments.command_of(reproduce, given)))
 
 
+@typed
 def find_optimum(
     scenario: arguments.ScenarioLike,
     overrides: Overrides | None = None,
@@ -210,6 +214,7 @@ def find_optimum(
         return Optimum(at_once(optimum, found.scenario, seeds, episodes, advance))
 
 
+@typed
 def find_bounds(
     scenario: arguments.ScenarioLike,
     overrides: Overrides | None = None,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from desim_uav.api.train import TrainingProgress
 from desim_uav.errors import MissingExtraError
+from desim_uav.typed import typed
 
 CURVES = (
     "reward",
@@ -24,6 +25,7 @@ class TensorBoardCallback:
     Give it to ``desim_uav.train`` as ``callback``.
     """
 
+    @typed
     def __init__(self, folder: str | Path, *, evaluate: int = 0, seed: int | None = None) -> None:
         """Open a log folder.
 

@@ -29,6 +29,7 @@ from desim_uav.records import TRAINING, to_frame
 from desim_uav.report import notebook
 from desim_uav.scenario.load import Overrides
 from desim_uav.scenario.schema import Scenario
+from desim_uav.typed import typed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,6 +83,7 @@ class TrainingProgress:
         """The greedy policy of what has been learned until now."""
         return _greedy(self._course)
 
+    @typed
     def evaluate(
         self, episodes: int = 5, *, warmup: int = 0, seed: int | None = None
     ) -> dict[str, float | None]:
@@ -144,6 +146,7 @@ class TrainingResult:
         """Return the means over the last 100 episodes, and what was trained."""
         return self._course.summary()
 
+    @typed
     def save(self, folder: str | Path | None = None) -> Path:
         """Write the folder that the command line writes: the policy, its curve, a checkpoint.
 
@@ -159,6 +162,7 @@ class TrainingResult:
         """
         return save_training(self._course, None if folder is None else Path(folder))
 
+    @typed
     def plot(self, kind: str = "training", out: str | Path | None = None, **options: Any) -> Figure:
         """Draw the learning curves, or with kind ``"policy"`` what was learned.
 
@@ -200,6 +204,7 @@ class TrainingResult:
         return notebook.heading(title.format(**about)) + notebook.table(headings, [row], words=[])
 
 
+@typed
 def train(
     scenario: ScenarioLike,
     overrides: Overrides | None = None,
@@ -257,7 +262,7 @@ def train(
     further = {"learning.algorithm": algorithm, "learning.episodes": episodes}
     found = opened(scenario, overrides, seed, world_seed, further)
     command = command_of(train, given)
-    callbacks = (callback,) if callable(callback) else tuple(each_of(callback))
+    callbacks = (callback,) if callable(callback) else tuple(each_of("callback", callback))
     if not all(map(callable, callbacks)):
         raise UsageError(f"callback: {callback!r}: must be a function, or several")
     pauses = [_pause(callbacks, callback_every)] if callbacks else []

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from desim_uav.api.arguments import ScenarioLike, opened, whole
 from desim_uav.scenario.load import Overrides
+from desim_uav.typed import typed
 from desim_uav.world import World
 from desim_uav.world import build_world as built
 
 __all__ = ["build_world"]
 
 
+@typed
 def build_world(
     scenario: ScenarioLike, seed: int | None = None, overrides: Overrides | None = None
 ) -> World:

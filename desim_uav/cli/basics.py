@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from desim_uav.cli.options import Json, Override, complete_scenarios
-from desim_uav.notices import tell
+from desim_uav.notices import notice, tell
 
 
 def scenarios(
@@ -47,9 +47,11 @@ def validate(
 ) -> None:
     """Check scenario files: print every error of each, and see that their worlds can be drawn.
 
+    For a scenario that only the SimPy engine can run, print a notice with the keys and the reason.
     Components that a file names as module:Class are imported from the working folder, which runs
     their code; --no-plugins refuses them.
     """
+    from desim_uav.engine.choose import lacking_of
     from desim_uav.errors import ScenarioError
     from desim_uav.experiment.interrupt import at_once
     from desim_uav.scenario.doubts import recordings, warn_of
@@ -64,8 +66,10 @@ def validate(
             path = find_scenario(file)
             scenario = at_once(load, path, overrides or [])
             with blaming(path, overrides or []):
-                at_once(build_world, scenario, scenario.effective_world_seed)
+                world = at_once(build_world, scenario, scenario.effective_world_seed)
             warn_of(scenario)
+            for why in at_once(lacking_of, world):
+                notice(f"{file}: only the SimPy engine (--engine des) can run this scenario: {why}")
             tell(f"{file}: valid")
             for recording in recordings(scenario):
                 tell(f"{file}: {recording}")

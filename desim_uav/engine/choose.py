@@ -37,7 +37,7 @@ def check_engine(name: str, world: World, keep_events: bool = False) -> None:
     """
     if name not in ENGINES:
         raise UsageError(f"--engine {name}: allowed: {', '.join(ENGINES)}")
-    problems = _lacking(world) if name == "batch" else []
+    problems = lacking_of(world) if name == "batch" else []
     if problems:
         raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
     check_cost(world.scenario, name, keep_events)
@@ -48,14 +48,14 @@ def engine_for(world: World, say: Callable[[str], None] = notice) -> str:
 
     ``say`` is called with the reason for the slower engine; by default it prints it on stderr.
     """
-    problems = _lacking(world)
+    problems = lacking_of(world)
     if problems:
         say(f"the SimPy engine (des) is used, which is slower: {'; '.join(problems)}")
     return "des" if problems else "batch"
 
 
-def _lacking(world: World) -> list[str]:
-    """Return why the compiled engine cannot run a world's components, one reason each."""
+def lacking_of(world: World) -> list[str]:
+    """Return why only the SimPy engine can run a world, one reason each; none if both can."""
     from desim_uav.engine.compiled.pack import lacking
 
     return lacking(world)

@@ -12,6 +12,7 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from desim_uav.copies import Independent
 from desim_uav.env.alone import alone
+from desim_uav.env.arguments import typed
 from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.free import each_own, of_all
@@ -52,6 +53,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
 
     metadata: ClassVar[dict[str, Any]] = {**RENDERING, "name": "uav_v0", "is_parallelizable": True}
 
+    @typed
     def __init__(
         self,
         scenario: Source,
@@ -109,6 +111,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         """Return the action space of an agent, always the same object."""
         return self.action_spaces[agent]
 
+    @typed
     @alone
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None

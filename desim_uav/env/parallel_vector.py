@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, OWN_COUNTS
 from desim_uav.env.alone import alone
+from desim_uav.env.arguments import typed
 from desim_uav.env.compiled import COUNTED, MEASURED, NUMBERS, OWN_COUNTED, as_counts, states_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Flags, Many, Seed
@@ -44,6 +45,7 @@ class UavParallelVectorEnv(Many):
     Copies and pickles are independent environments (see ``UavEnv``) with threads of their own.
     """
 
+    @typed
     def __init__(
         self,
         scenario: Source,
@@ -99,6 +101,7 @@ class UavParallelVectorEnv(Many):
         own = ("_written", "_masks", "_own", "_shown", "_paid", "_ends")
         return {key: part for key, part in super().__getstate__().items() if key not in own}
 
+    @typed
     @alone
     def reset(
         self, *, seed: Seed = None, options: dict[str, Any] | None = None

@@ -13,6 +13,7 @@ from desim_uav.copies import Unchanging
 from desim_uav.engine.saved import SavedState
 from desim_uav.env import state_file
 from desim_uav.env.alone import OneThread, alone
+from desim_uav.env.arguments import typed
 from desim_uav.env.session import Session
 from desim_uav.errors import StateError
 from desim_uav.scenario.load import scenario_hash, seedless
@@ -43,6 +44,7 @@ class EnvState(Unchanging):
         """The number of steps that the episode has had."""
         return int(self.saved.rows.state.step)
 
+    @typed
     def write(self, path: str | PathLike[str]) -> None:
         """Write a file from which ``restore`` of an environment in any process goes on.
 
@@ -70,6 +72,7 @@ class Saving:
         """
         return save(self.session)
 
+    @typed
     @alone
     def restore(self, state: EnvState | str | PathLike[str]) -> Any:
         """Go on from a saved state, or from the file of one; return what ``reset`` returns.
@@ -81,6 +84,7 @@ class Saving:
         resume(self.session, state)
         return self._shown()
 
+    @typed
     @alone
     def fork(self, count: int) -> list[Self]:
         """Return this many independent environments in the state of this one."""

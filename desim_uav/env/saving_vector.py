@@ -12,6 +12,7 @@ from gymnasium import error
 from numpy.typing import NDArray
 
 from desim_uav.env.alone import OneThread, alone
+from desim_uav.env.arguments import typed
 from desim_uav.env.compiled import CompiledSession
 from desim_uav.env.render import Screen
 from desim_uav.env.saving import EnvState, assign, resume, save
@@ -35,6 +36,7 @@ class VectorSaving:
         """Set the spaces of ``num_envs`` environments."""
         raise NotImplementedError
 
+    @typed
     @alone
     def save(self, k: int = 0) -> EnvState:
         """Return the state of environment k at its present decision epoch.
@@ -43,6 +45,7 @@ class VectorSaving:
         """
         return save(self.sessions[k])
 
+    @typed
     @alone
     def restore(
         self, state: EnvState | str | PathLike[str], which: int | Sequence[int] | None = None
@@ -56,6 +59,7 @@ class VectorSaving:
         resume(self.sessions[chosen[0]], state)
         return self.assign(chosen[0], chosen)
 
+    @typed
     @alone
     def assign(
         self, k: int, which: int | Sequence[int] | None = None
@@ -71,6 +75,7 @@ class VectorSaving:
         self._seeds[chosen] = self.sessions[k].seeds()
         return self._present(_mask(chosen, self.num_envs))
 
+    @typed
     @alone
     def fork(self, count: int, k: int = 0) -> Self:
         """Return a new vector environment of this many environments in the state of environment k.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
 from desim_uav.env.alone import alone
+from desim_uav.env.arguments import typed
 from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
@@ -46,6 +47,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
 
     metadata = RENDERING
 
+    @typed
     def __init__(
         self,
         scenario: Source,
@@ -77,6 +79,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         self.observation_space = observation_space(features(world) * self.drones)
         self.action_space = action_space_of(world)
 
+    @typed
     @alone
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

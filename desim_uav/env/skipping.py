@@ -20,6 +20,10 @@ from gymnasium.spaces import Box
 from pettingzoo.utils import BaseParallelWrapper  # type: ignore[import-untyped]
 
 from desim_uav.copies import Independent
+from desim_uav.env.arguments import ArgumentError, typed
+from desim_uav.env.parallel import UavParallelEnv
+from desim_uav.env.single import UavEnv
+from desim_uav.errors import in_short
 from desim_uav.model.decisions import discount_of
 
 
@@ -33,8 +37,10 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
     step of an episode may be a forced one.
     """
 
+    @typed
     def __init__(self, env: gymnasium.Env[Any, Any], gamma: float = 1.0) -> None:
         """Wrap an environment. Raises gymnasium's Error if not 0 < ``gamma`` <= 1."""
+        _require(UavEnv, env)
         super().__init__(env)
         self.gamma = _checked(gamma)
         self._drones = int(env.unwrapped.drones)  # type: ignore[attr-defined]
@@ -70,13 +76,16 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
     those of the time for which it is paid, with this ``gamma``; of another agent they are 0 and 1.
     """
 
+    @typed
     def __init__(self, env: Any, gamma: float = 1.0) -> None:
         """Wrap an environment. Raises gymnasium's Error if not 0 < ``gamma`` <= 1."""
+        _require(UavParallelEnv, env)
         super().__init__(env)
         self.gamma = _checked(gamma)
         self._gained: dict[str, float] = {}
         self._ways: dict[str, Way] = {}
 
+    @typed
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -133,6 +142,13 @@ class Way:
     def told(self) -> dict[str, float]:
         """Return the entries of infos about these steps."""
         return {"duration_steps": self.steps, "discount": self.discount}
+
+
+def _require(wrapped: type, env: Any) -> None:
+    """Raise ArgumentError if an environment is none of this class, and no wrapper of one."""
+    if not isinstance(getattr(env, "unwrapped", None), wrapped):
+        said = in_short(repr(env), 100)
+        raise ArgumentError(f"env: {said}: must be a {wrapped.__name__}, or a wrapper of one")
 
 
 def _checked(gamma: float) -> float:

@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
+from desim_uav.env.arguments import typed
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.saving import EnvState
 from desim_uav.env.tasks import Change, Curriculum
@@ -37,6 +38,7 @@ class UavVecEnv(Independent, VecEnv):
     Copies and pickles are independent environments (see ``UavEnv``) with threads of their own.
     """
 
+    @typed
     def __init__(
         self,
         scenario: Source,
@@ -91,10 +93,12 @@ class UavVecEnv(Independent, VecEnv):
             info["TimeLimit.truncated"] = cut[k]
         return observations, rewards.astype(np.float32), ended, infos
 
+    @typed
     def save(self, k: int = 0) -> EnvState:
         """Return the state of environment k. Raises ResetNeeded before its first episode."""
         return self.vector.save(k)
 
+    @typed
     def restore(
         self, state: EnvState | str | PathLike[str], which: int | Sequence[int] | None = None
     ) -> NDArray[Any]:
@@ -109,6 +113,7 @@ class UavVecEnv(Independent, VecEnv):
                 self.reset_infos[k] = info
         return observations
 
+    @typed
     def fork(self, count: int, k: int = 0) -> Self:
         """Return new environments, this many, in the state of environment k."""
         made = type(self).__new__(type(self))

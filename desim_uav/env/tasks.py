@@ -11,6 +11,7 @@ from typing import Any
 
 from desim_uav.copies import Unchanging
 from desim_uav.engine.constants import term_names
+from desim_uav.env.arguments import typed
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.errors import ScenarioError
 from desim_uav.model.streams import Purpose, uniforms_of
@@ -34,6 +35,7 @@ UNITS = ("episodes", "steps")
 Change = tuple[int, Mapping[str, Any]]
 
 
+@typed
 @dataclass(frozen=True)
 class Curriculum(Unchanging):
     """A schedule over scenario keys: from when on which keys have which values.

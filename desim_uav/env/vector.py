@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS
 from desim_uav.env.alone import alone
+from desim_uav.env.arguments import typed
 from desim_uav.env.compiled import COUNTED, MEASURED, as_counts
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Many
@@ -49,6 +50,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
+    @typed
     def __init__(
         self,
         scenario: Source,
@@ -82,6 +84,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
+    @typed
     @alone
     def reset(
         self,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import pickle
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,6 +33,7 @@ from desim_uav.report import notebook
 from desim_uav.report.text import compared, estimate_cells
 from desim_uav.run_folder import file_place, write_at
 from desim_uav.scenario.schema import Scenario
+from desim_uav.typed import typed
 from desim_uav.world import build_world
 
 if TYPE_CHECKING:
@@ -122,11 +123,13 @@ class Comparison:
         """One row per measure and policy: the difference from ``against``, paired by seed."""
         return _estimates_frame(self.content()["differences"], self.measures)
 
+    @typed
     def save(self, file: str | Path) -> Path:
         """Write the values of each seed as CSV. Raises UsageError if the file cannot be written."""
         write_at(file_place(Path(file)), self.as_csv().encode())
         return Path(file)
 
+    @typed
     def plot(self, out: str | Path | None = None, *, against: str | None = None) -> Figure:
         """Draw the intervals of all policies and their differences; a notebook shows the figure.
 
@@ -268,8 +271,7 @@ def policies_by_name(
     if isinstance(policies, Mapping):
         named = dict(policies)
     else:
-        if isinstance(policies, str) or not isinstance(policies, Iterable):
-            raise UsageError(f"policies: {policies!r} is one policy; write a list of them")
+        policies = list(policies)
         names = [policy_name(policy) for policy in policies]
         for name in names:
             if names.count(name) > 1:

@@ -17,6 +17,7 @@ from desim_uav.policies.function import Choice, Function
 from desim_uav.registry import FAULTS, did_you_mean, names, resolve, what_failed
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_table, trained_names
+from desim_uav.typed import typed
 from desim_uav.world import World
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ class Policy(Protocol):
 
     ``ceiling`` says whether the drones may fly no higher than the levels below the ceiling; the
     baseline's drones may. A registered class that is read from a file has a static method
-    ``file_of(argument)``, which returns the file's path. A policy with an attribute
+    ``file_of(argument)``, which returns the file's path, and one that improves another policy a
+    static method ``base_of(argument)``, which returns the other's name. A policy with an attribute
     ``observation``, a component or None, is run with this observation instead of the scenario's.
     """
 
@@ -176,13 +178,28 @@ def parts(name: str) -> tuple[str, str]:
 
 
 def file_of(name: str) -> Path | None:
-    """Return the file that a policy is read from, or None if it is not read from a file."""
-    kind, argument = parts(name)
-    known = resolve("policy", kind) if kind in names("policy") else None
-    found: Path | None = getattr(known, "file_of", lambda _: None)(argument) if argument else None
+    """Return the file that a policy, or its base, is read from, or None without a file."""
+    base = base_of(name)
+    if base is not None:
+        return file_of(base)
+    found: Path | None = _of_argument("file_of", name)
     return found
 
 
+def base_of(name: str) -> str | None:
+    """Return the name of the policy that a policy improves, or None if it is not such a one."""
+    found: str | None = _of_argument("base_of", name)
+    return found or None
+
+
+def _of_argument(method: str, name: str) -> Any:
+    """Return what a method of a registered class says of the argument in a name, or None."""
+    kind, argument = parts(name)
+    known = resolve("policy", kind) if kind in names("policy") else None
+    return getattr(known, method, lambda _: None)(argument) if argument else None
+
+
+@typed
 def load_policy(policy: PolicyLike) -> Policy:
     """Return the policy that a name, a file, an object or a function stands for.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
-from desim_uav.policies.base import decide, decide_by, file_of, load_policy, policy_name, show
+from desim_uav.policies.base import decide, decide_by, load_policy, policy_name, show
 from desim_uav.policies.planning.options import Option, options_of, split_options
 from desim_uav.registry import register
 from desim_uav.world import World
@@ -69,9 +68,9 @@ class Rollout:
             self.world_seed: int = seed
 
     @staticmethod
-    def file_of(argument: str) -> Path | None:
-        """Return the file from which the base is read, or None if it is not read from a file."""
-        return file_of(split_options(argument)[0])
+    def base_of(argument: str) -> str:
+        """Return the name of the base."""
+        return split_options(argument)[0]
 
     def notice(self, world: World) -> str:
         """Return the warning of the base, for example that it was trained in another world."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -28,15 +28,17 @@ from desim_uav.scenario.draft import MAX_PROBLEMS, Draft, override_path, plain_c
 from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.schema import Scenario, paper_preset
 from desim_uav.shipped import find_scenario
+from desim_uav.typed import typed
 
 MAX_BYTES = 2**20
 
 
-Overrides = Mapping[str, Any] | Sequence[str]
+Overrides = str | Mapping[str, Any] | Sequence[str]
 """Values for keys of a scenario: ``{"users.count": 60}``, or as on the command line
 ``["users.count=60"]``, where the value is in YAML."""
 
 
+@typed
 def load(scenario: str | Path, overrides: Overrides = ()) -> Scenario:
     """Load a scenario file, or a shipped scenario by its name, such as ``case8``.
 
@@ -53,13 +55,13 @@ def override_texts(overrides: Overrides) -> list[str]:
     """Return overrides in the command line's form. Raises ScenarioError for unsuitable values."""
     if isinstance(overrides, Mapping):
         return [f"{key}={_as_yaml(key, value)}" for key, value in overrides.items()]
-    texts = [overrides] if isinstance(overrides, str) else overrides
-    if not isinstance(texts, Iterable) or not all(isinstance(text, str) for text in texts):
+    texts: list[Any] = [overrides] if isinstance(overrides, str) else list(overrides)
+    if not all(isinstance(text, str) for text in texts):
         raise UsageError(
             f"overrides: {overrides!r}: must be a mapping such as {{'users.count': 60}}, or a list "
             "of texts such as ['users.count=60']"
         )
-    return list(texts)
+    return texts
 
 
 def _as_yaml(key: str, value: Any) -> str:

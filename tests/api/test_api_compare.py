@@ -87,7 +87,7 @@ class TestPolicies:
         ("policies", "options", "error", "part"),
         [
             ([], {}, UsageError, "the list is empty"),
-            ("hover", {}, UsageError, "write a list"),
+            ("hover", {}, UsageError, "policies: 'hover': must be a sequence of"),
             (["hover", "hover"], {}, UsageError, "twice"),
             (["hover", "hoover"], {}, PolicyError, "hoover"),
             ({"mine": lambda o, m: 0}, {"jobs": 2}, UsageError, "cannot be sent"),

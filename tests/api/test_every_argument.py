@@ -1,7 +1,7 @@
-"""Every public function takes every kind of argument that its annotations allow.
+"""Every public function takes every kind of argument that its annotations allow, and no other.
 
 The kinds are read from the annotations: a new one fails ``test_no_kind_is_left_out`` until it has
-an example here. Numbers are also given as NumPy's, and sequences as tuples and arrays.
+an example here. Numbers are also given as NumPy's, and sequences as tuples, iterators and arrays.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import collections.abc
 import inspect
 import itertools
+import re
 import types
 import typing
 from contextlib import suppress
@@ -17,6 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -30,7 +32,7 @@ from desim_uav.shipped import scenario_path
 Figure = typing.NewType("Figure", object)
 SHORT = {"episode.steps": 2}
 NOT_HERE = {"register", "draw"}
-"""A decorator, and a function of worlds and numbers alone."""
+"""A decorator, and a function of worlds and numbers alone, which are only called wrongly."""
 
 METHODS: dict[type, tuple[str, ...]] = {
     du.RunResult: ("qoe", "groups", "save", "replay", "plot", "film", "report"),
@@ -69,9 +71,8 @@ def kinds(hint: Any) -> list[str]:
     return [hint.__name__ if isinstance(hint, type) else str(hint)]
 
 
-def asked(name: str) -> list[tuple[str, str]]:
+def asked(function: Any) -> list[tuple[str, str]]:
     """Return the parameters of a function with each of the kinds that they take."""
-    function = FUNCTIONS[name]
     hints = typing.get_type_hints(function, localns={"Figure": Figure})
     return [
         (parameter.name, kind)
@@ -171,6 +172,7 @@ SCENARIOS = {
     "Scenario": du.load("tiny"),
 }
 OVERRIDES = {
+    "str": "episode.steps=2",
     "Mapping": {"episode.steps": np.int64(2)},
     "Sequence of str": ["episode.steps=2"],
     "NoneType": None,
@@ -214,9 +216,11 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "sweep.values": {
         "Mapping": {"episode.steps": np.array([2, 3])},
         "Sequence of str": ["episode.steps=2:3"],
+        "str": "episode.steps=2,3",
     },
     "policies": several(POLICIES) | {"Mapping": {"mine": east}},
-    "sweep.policies": {"Sequence of str": ["hover"], "NoneType": None}
+    "sweep.policies": {"str": "hover", "Path": Path("hover")}
+    | {"Sequence of str": ["hover"], "NoneType": None}
     | {"Sequence of Path": lambda here: [here.training.save(here.place()) / "policy.npz"]},
     "seed": WHOLE,
     "world_seed": WHOLE,
@@ -238,7 +242,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "counterfactual.out": files("") | {"bool": False},
     "fork": {"str": "0:1", "tuple": (0, np.int64(1))},
     "algorithm": {"str": "sarsa", "NoneType": None},
-    "algorithms": {"Sequence of str": ["sarsa"], "NoneType": None},
+    "algorithms": {"str": "sarsa", "Sequence of str": ["sarsa"], "NoneType": None},
     "checkpoint_every": {"int": 1},
     "callback": {"Callable": lambda here: lambda told: None}
     | {"Sequence of Callable": [lambda told: None]},
@@ -406,7 +410,7 @@ def variants(value: Any) -> list[Any]:
     """Return a value as it is, and as NumPy and other sequences have it."""
     if isinstance(value, list):
         whole = all(isinstance(each, int) for each in value)
-        return [value, tuple(value), *([np.array(value)] if whole else [])]
+        return [value, tuple(value), iter(value), *([np.array(value)] if whole else [])]
     if isinstance(value, int | float) and not isinstance(value, bool):
         return [value, np.array([value])[0]]
     return [value]
@@ -416,7 +420,7 @@ def test_no_kind_is_left_out():
     missing = [
         f"{name}.{parameter}: {kind}"
         for name in FUNCTIONS
-        for parameter, kind in asked(name)
+        for parameter, kind in asked(FUNCTIONS[name])
         if kind not in of(name, parameter)
     ]
     assert missing == []
@@ -433,7 +437,7 @@ def test_no_kind_is_left_out():
 def test_every_kind_is_taken(here, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     owner = name.partition(".")[0] if "." in name else ""
-    for parameter, kind in asked(name):
+    for parameter, kind in asked(FUNCTIONS[name]):
         example = of(name, parameter)[kind]
         for value in variants(made(example, here)):
             keys = (name, f"{name}.{parameter}", f"{name}.{parameter}.{kind}")
@@ -450,3 +454,116 @@ def test_every_kind_is_taken(here, name, tmp_path, monkeypatch):
                         FUNCTIONS[name](**given)
             except Exception as error:
                 pytest.fail(f"{name}({parameter}={value!r}): {type(error).__name__}: {error}")
+
+
+# ---- wrong types
+
+WRONG: list[tuple[Any, set[str]]] = [
+    (2.5, {"float"}),
+    ("?", {"str", "Literal"}),
+    (None, {"NoneType"}),
+    ({"?": object()}, {"Mapping", "dict"}),
+    ([object()], {"Sequence of tuple"}),
+    (b"?", set()),
+    (object(), set()),
+]
+"""Values, each with the kinds for which the type alone does not refuse them."""
+
+BY_ITSELF = {"Any", "InFolders", "Policy"}
+"""Kinds that any object may be of: see ``test_what_the_function_itself_refuses``."""
+
+CALLED: dict[str, tuple[str, ...]] = {
+    "Curriculum": ("__init__",),
+    "Leaderboard": ("save",),
+    "Simulation": ("__init__", "reset"),
+    "SkipForced": ("__init__",),
+    "SkipForcedParallel": ("__init__", "reset"),
+    "TensorBoardCallback": ("__init__",),
+    "TrainingProgress": ("evaluate",),
+    "UavEnv": ("__init__", "reset", "restore", "fork"),
+    "UavMoEnv": ("reset", "restore", "fork"),
+    "UavParallelEnv": ("__init__", "reset", "restore", "fork"),
+    "UavParallelVectorEnv": ("__init__", "reset", "save", "restore", "assign", "fork"),
+    "UavVecEnv": ("__init__", "save", "restore", "fork"),
+    "UavVectorEnv": ("__init__", "reset", "save", "restore", "assign", "fork"),
+}
+"""The methods of public classes that users call, beside those of results above."""
+
+NOT_MADE = {of.__name__ for of in METHODS} | {
+    *("DesimError", "DesimWarning", "Interrupted", "Policy", "RunSettings", "Scenario"),
+    *("StopTraining", "Submitted", "World"),
+}
+"""Public classes that users do not make, or only as a plain record."""
+
+
+def of_extras(names: Any) -> dict[str, Any]:
+    """Return what is public under these names; what needs an extra that is missing is none."""
+    found = {}
+    for name in names:
+        with suppress(MissingExtraError):
+            found[name] = getattr(du, name)
+    return found
+
+
+METHODS_CALLED = {
+    f"{name}.{method}": getattr(of, method)
+    for name, of in of_extras(CALLED).items()
+    for method in CALLED[name]
+}
+REFUSING = FUNCTIONS | of_extras(NOT_HERE) | METHODS_CALLED
+
+
+def test_no_public_class_is_left_out():
+    classes = {name for name, of in of_extras(du.__all__).items() if isinstance(of, type)}
+    assert classes <= {*CALLED, *NOT_MADE}
+
+
+@pytest.mark.parametrize("name", REFUSING)
+def test_a_wrong_type_is_refused(name):
+    """The types are looked at first, so nothing else of the arguments has to be right."""
+    function, owned = REFUSING[name], {"self": None} if "." in name else {}
+    takes: dict[str, set[str]] = {}
+    for parameter, kind in asked(function):
+        takes.setdefault(parameter, set()).add(kind)
+    for parameter, kinds_of_it in takes.items():
+        if any(kind.removeprefix("Sequence of ") in BY_ITSELF for kind in kinds_of_it):
+            continue
+        for value in (value for value, taken in WRONG if not taken & kinds_of_it):
+            with pytest.raises((du.DesimError, gymnasium.error.Error)) as caught:
+                function(**owned, **{parameter: value})
+            assert str(caught.value).startswith(f"{parameter}: "), (parameter, value)
+            assert ": must be " in str(caught.value)
+
+
+def begun(kind: Any) -> Any:
+    """Return an environment in which an episode has begun."""
+    env = kind("tiny")
+    env.reset()
+    return env
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: du.run("tiny", policy=3), "policy 'builtins:int': it has no method 'begin'"),
+        (lambda: du.run("tiny", policy=b"hover"), "policy 'builtins:bytes': it has no method"),
+        (lambda: du.load_policy(None), "policy 'builtins:NoneType': it has no method 'begin'"),
+        (lambda: du.compare("tiny", policies=[3]), "policy 'builtins:int': it has no method"),
+        (lambda: du.compare("tiny", policies=3), "policies: 3: must be a sequence of texts"),
+        (lambda: du.compare_runs([3, 4]), "folders: 3: must be a result"),
+        (lambda: du.compare_runs(3), "folders: 3: must be a sequence of texts"),
+        (lambda: du.film(3), "run: 3: must be a result"),
+        (lambda: du.plot("visits", 3), "runs: 3: must be a result"),
+        (lambda: du.plot("visits", [2.5]), "runs: 2.5: must be a result"),
+        (lambda: du.write_report(3), "runs: 3: must be a result"),
+        (lambda: du.write_replay(3), "run_dir: 3: must be a result"),
+        (lambda: du.UavEnv("tiny", curriculum=[3]), "curriculum[0]: 3: must be a pair"),
+        (lambda: du.SkipForced(gymnasium.make("CartPole-v1")), "must be a UavEnv, or a wrapper"),
+        (lambda: du.SkipForcedParallel(3), "env: 3: must be a UavParallelEnv, or a wrapper"),
+        (lambda: begun(du.UavEnv).step(object()), "action"),
+        (lambda: begun(du.UavParallelEnv).step(3), "actions"),
+    ],
+)
+def test_what_the_function_itself_refuses(call, words):
+    with pytest.raises((du.DesimError, gymnasium.error.Error), match=re.escape(words)):
+        call()

@@ -85,3 +85,16 @@ def test_a_folder_that_is_not_there_is_answered_with_the_nearest():
         PolicyError, match=r"^runs/mien: no such run folder \(did you mean 'mine'\?"
     ):
         du.read_run("runs/mien")
+
+
+@pytest.mark.parametrize("kind", ["file", "mapping", "scenario", "overrides"])
+def test_a_scenario_of_any_kind_is_warned_of(kind, capsys):
+    given = {"name": "wide", "stations": {"count": 3, "radius_m": 1e6}}
+    Path("wide.yaml").write_text(json.dumps(given))
+    loaded = du.load("wide.yaml")
+    overrides = {"name": "other"} if kind == "overrides" else {}
+    assert capsys.readouterr().err == ""
+    scenarios = {"file": "wide.yaml", "mapping": given, "scenario": loaded, "overrides": loaded}
+    du.build_world(scenarios[kind], 0, overrides)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("desim-uav: warning: stations.radius_m: 1e+06: the circle leaves")

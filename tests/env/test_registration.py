@@ -14,7 +14,7 @@ import pytest
 from desim_uav.env import UavEnv, UavParallelEnv, UavVectorEnv
 from desim_uav.env.configure import configured
 from desim_uav.env.registration import register_envs
-from desim_uav.errors import ScenarioError
+from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.world import build_world
 from tests.env.helpers import CASES, play_single
 
@@ -86,7 +86,7 @@ def test_the_world_of_an_environment(make: Callable[..., Any]):
     assert world(config={"world_seed": 5}) == 5
     assert world(config={"world_seed": 5}, world_seed=3) == 5
     for wrong in (-1, 2**63, "zero", 0.5):
-        with pytest.raises(ScenarioError, match="world_seed"):
+        with pytest.raises((ScenarioError, UsageError), match="world_seed"):
             world(world_seed=wrong)
 
 

@@ -18,7 +18,7 @@ from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep import job, run
 from desim_uav.experiment.sweep.grid import axes
 from desim_uav.experiment.sweep.pictures import plot_sweep, sweep_report
-from desim_uav.experiment.sweep.plan import Asked, arms
+from desim_uav.experiment.sweep.plan import Asked, arms, policy_digest
 from desim_uav.policies.tabular import read_table
 from desim_uav.run_folder import held
 from desim_uav.scenario.load import load
@@ -283,6 +283,38 @@ class TestIdentity:
         script.write_text("step,drone,action\n0,0,right\n")
         assert before != after and self.jobs("script:fly.csv") == before
 
+    @pytest.mark.parametrize("name", ["rollout:{}", "rollout:{}+samples=1+horizon=1"])
+    def test_is_of_the_content_of_a_base(self, here, name):
+        script = here / "fly.csv"
+        script.write_text("step,drone,action\n0,0,right\n")
+        before = self.jobs(name.format("script:fly.csv"))
+        script.write_text("step,drone,action\n0,0,left\n")
+        assert before != self.jobs(name.format("script:fly.csv"))
+
+    def test_is_of_the_code_of_a_base(self, here):
+        assert policy_digest("rollout:swept:Slow+samples=1") == policy_digest("swept:Slow") != ""
+        assert policy_digest("rollout:hover+samples=1") == ""
+
+    @pytest.mark.parametrize(
+        ("name", "source"),
+        [
+            ("script:fly.csv", "script:{}/fly.csv"),
+            ("rollout:script:fly.csv", "rollout:script:{}/fly.csv"),
+            ("rollout:script:fly.csv+samples=1", "rollout:script:{}/fly.csv+samples=1"),
+            ("rollout:north.py:North+samples=1", "rollout:{}/north.py:North+samples=1"),
+            ("north.py:North", "{}/north.py:North"),
+            ("rollout:case8.npz", "rollout:case8.npz"),
+            ("rollout:greedy+samples=1", "rollout:greedy+samples=1"),
+        ],
+    )
+    def test_is_run_from_any_folder(self, here, name, source):
+        (here / "fly.csv").write_text("step,drone,action\n0,0,right\n")
+        (here / "north.py").write_text(
+            "from desim_uav.policies.hover import Hover\nclass North(Hover):\n    pass\n"
+        )
+        (one,) = arms(Asked(scenario_path("case8"), [], [name], False, None, range(1), 1, 0), [])
+        assert one.source == source.format(here)
+
     def test_is_of_the_version(self, monkeypatch):
         before = self.jobs()
         monkeypatch.setattr(job, "__version__", "9.9.9")
@@ -292,6 +324,14 @@ class TestIdentity:
         (one,) = jobs(["hover"], [], range(1), 1, 0)
         assert job.run_job(one).failure == ""
         assert "9.9.9" in job.run_job(one, "9.9.9").failure
+
+
+def test_warnings_of_scenarios_are_told_once():
+    given = {"stations": {"count": 3, "radius_m": 1e6}, "episode": {"steps": 2}}
+    axes_of_it, said = axes({"users.count": [3, 4]}), list[str]()
+    arms(Asked(given, [], ["hover"], False, None, range(1), 1, 0), axes_of_it, said.append)
+    (line,) = said
+    assert line.startswith("warning: stations.radius_m: 1e+06: the circle leaves")
 
 
 class TestResume:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from desim_uav.drone_type import DroneType
 from desim_uav.model.admission import RowAdmission
 from desim_uav.model.battery import RowEnergy
+from desim_uav.model.bounds import owner_of
 from desim_uav.model.charging import RowCharging
 from desim_uav.model.components import (
     NOT_COMPILED,
@@ -219,9 +220,14 @@ RADIO_SLOTS = (
 
 
 def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> str:
-    """Return why a component is not compiled, or an empty text if it is, or need not be."""
+    """Return why a component is not compiled, or an empty text if it is, or need not be.
+
+    Built-in components that work on rows are compiled when an engine needs them.
+    """
     if not works_on_rows(component, slot.base):
         return "it does not work on rows" if slot.required and component is not None else ""
+    if not owner_of(type(component)):
+        return ""
     try:
         compiled(slot.functions, component, services)
     except NOT_COMPILED as error:

@@ -36,6 +36,7 @@ from desim_uav.rules.settle import settle
 from desim_uav.rules.transits import began_us
 from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN, REST
 from desim_uav.sample_path import SamplePath
+from desim_uav.typed import typed
 from desim_uav.world import World
 
 
@@ -65,6 +66,7 @@ class Simulation(Engine):
     saved state, has new ones, which wait for the same events.
     """
 
+    @typed
     def __init__(
         self,
         world: World,
@@ -118,6 +120,7 @@ class Simulation(Engine):
 
     # ---- episodes
 
+    @typed
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode and return the snapshot of its first decision epoch."""
         self._before = self.carried()

@@ -11,6 +11,7 @@ from desim_uav.experiment.bench import profile
 from desim_uav.experiment.bench.board import board, markdown, plain
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.run_folder import file_place, write_at
+from desim_uav.typed import typed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +43,8 @@ class Leaderboard:
         """Draw the performance profiles. Raises PolicyError if no policy has a score."""
         return profile.figure(self.tables)
 
-    def save(self, page: Path | None, figure: Path | None) -> None:
+    @typed
+    def save(self, page: str | Path | None, figure: str | Path | None) -> None:
         """Write the tables in Markdown and the figure to files, where these are given.
 
         Raises UsageError, before anything is written, if one cannot be, or if the figure's file has
@@ -52,8 +54,9 @@ class Leaderboard:
 
         files = []
         if page is not None:
-            files.append((file_place(page, "--out"), self.markdown().encode()))
+            files.append((file_place(Path(page), "--out"), self.markdown().encode()))
         if figure is not None:
+            figure = Path(figure)
             suffix, place = ending(figure, "--figure"), file_place(figure, "--figure")
             files.append((place, to_bytes(self.figure(), suffix)))
         for place, content in files:

@@ -18,10 +18,11 @@ from desim_uav.experiment.sweep.problems import Problems
 from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.training import table_features
 from desim_uav.policies import load_policy
-from desim_uav.policies.base import file_of, parts
+from desim_uav.policies.base import base_of, file_of, parts
 from desim_uav.registry import names
 from desim_uav.regular_file import content_of
 from desim_uav.scenario.components import code_of
+from desim_uav.scenario.doubts import doubts
 from desim_uav.scenario.draft import blaming, named_override
 from desim_uav.scenario.load import (
     Overrides,
@@ -142,8 +143,8 @@ def arms(
 ) -> list[Arm]:
     """Return what a sweep runs on each seed, by combination, after a check on its first seed.
 
-    ``say`` gets each reason why the compiled engine cannot run a scenario. Raises ScenarioError
-    with all problems of all scenarios, or else PolicyError with all problems of the policies.
+    ``say`` gets the warnings of each scenario, and why the compiled engine cannot run it. Raises
+    ScenarioError with all problems of all scenarios, or else PolicyError with all of the policies.
     """
     algorithms, policies = asked.algorithm_names(swept), asked.policy_names()
     found: list[Arm] = []
@@ -172,8 +173,11 @@ def warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
 def policy_digest(policy: str) -> str:
     """Return the SHA-256 of a policy's file or of its class's code; "" for a built-in policy.
 
-    Raises PolicyError if the file cannot be read.
+    For a policy with a base it is that of the base. Raises PolicyError if the file cannot be read.
     """
+    base = base_of(policy)
+    if base is not None:
+        return policy_digest(base)
     file = file_of(policy)
     if file is None and policy in names("policy"):
         return ""
@@ -210,7 +214,7 @@ def _learning_arm(
 def _prepared(
     asked: Asked, settings: Sequence[str], reasons: dict[str, None]
 ) -> tuple[Scenario, World, str]:
-    """Return a scenario, its world and the engine; note why it is not the compiled one.
+    """Return a scenario, its world and the engine; note its warnings, and why SimPy runs it.
 
     Raises ScenarioError with the file's name.
     """
@@ -220,6 +224,8 @@ def _prepared(
         world = at_once(build_world, drawn, drawn.effective_world_seed)
         engine = asked.engine or engine_for(world, reasons.setdefault)
         check_engine(engine, world)
+    for doubt in doubts(scenario):
+        reasons.setdefault(f"warning: {doubt}")
     return scenario, world, engine
 
 
@@ -230,6 +236,13 @@ def unseeded_hash(scenario: Scenario) -> str:
 
 def _source(policy: str) -> str:
     """Return a policy's name with an absolute path, so that it is valid in any folder."""
+    base = base_of(policy)
+    if base is not None:
+        kind, _, rest = policy.partition(":")
+        return f"{kind}:{_source(base)}{rest.removeprefix(base)}"
+    module, colon, own = policy.rpartition(":")
+    if module.endswith(".py"):
+        return f"{Path(module).absolute()}{colon}{own}"
     _, argument = parts(policy)
     if file_of(policy) is None or not Path(argument).exists():
         return policy

@@ -21,6 +21,7 @@ from desim_uav.experiment.sweep.plan import Arm
 from desim_uav.report import notebook
 from desim_uav.report.intervals import mean_words, sentence
 from desim_uav.report.text import OF_ENERGY
+from desim_uav.typed import typed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,6 +76,7 @@ class Done:
         """Have the sweep in a folder, which it is in, while something is made of it."""
         yield [Source(self.out)]
 
+    @typed
     def plot(
         self,
         out: str | Path | None = None,

@@ -1,0 +1,177 @@
+"""Checks that the arguments of public functions have the types of their annotations."""
+
+from __future__ import annotations
+
+import inspect
+import operator
+import types
+import typing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import wraps
+from os import PathLike
+from pathlib import PurePath
+from typing import Any, Literal, NamedTuple, TypeVar
+
+from desim_uav.errors import UsageError, in_short
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def typed(function: F, raises: type[Exception] = UsageError) -> F:
+    """Let a function refuse arguments that do not have the types of its annotations.
+
+    The error names the argument and says what it may be. Numbers and truth values of NumPy are
+    accepted as those of Python are, and arrays and other iterables as sequences. Where the
+    annotation is a Protocol, any object is accepted, and where it is a Literal any text, because
+    the function itself can say better what is wrong with one. Of a class, the arguments of its
+    constructor are checked.
+    """
+    if isinstance(function, type):
+        function.__init__ = typed(function.__init__, raises)  # type: ignore[misc]
+        return function
+    kinds: dict[str, Kind] = {}
+    names = tuple(inspect.signature(function).parameters)
+
+    @wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        if not kinds:
+            kinds.update((name, kind_of(hint)) for name, hint in hints_of(function).items())
+        for name, value in (*zip(names, args, strict=False), *kwargs.items()):
+            if name in kinds and not kinds[name].has(value):
+                said = in_short(repr(value), 100)
+                raise raises(f"{name}: {said}: must be {kinds[name].one}")
+        return function(*args, **kwargs)
+
+    return checked  # type: ignore[return-value]
+
+
+def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the types of a function's parameters that are annotated, except ``*`` and ``**``."""
+    several = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    texts = {
+        name: parameter.annotation
+        for name, parameter in inspect.signature(function).parameters.items()
+        if parameter.annotation is not parameter.empty and parameter.kind not in several
+    }
+    known = getattr(inspect.unwrap(function), "__globals__", {})
+    return typing.get_type_hints(type("", (), {"__annotations__": texts}), known)
+
+
+class Kind(NamedTuple):
+    """A type: whether a value ``has`` it, and what ``one`` and ``several`` of it are called."""
+
+    has: Callable[[Any], bool]
+    one: str
+    several: str
+
+
+def kind_of(hint: Any) -> Kind:
+    """Return the kind of values that an annotation stands for."""
+    if hint in _PLAIN:
+        return _PLAIN[hint]
+    origin, of = typing.get_origin(hint), typing.get_args(hint)
+    make = _OF_OTHERS.get(Mapping if origin is dict else origin)
+    return make(of) if make else _of_class(origin or hint)
+
+
+def _either(of: Sequence[Any]) -> Kind:
+    kinds = [kind_of(one) for one in of]
+    return Kind(
+        lambda value: any(kind.has(value) for kind in kinds),
+        _joined(kind.one for kind in kinds),
+        _joined(kind.several for kind in kinds),
+    )
+
+
+def _one_of(of: Sequence[Any]) -> Kind:
+    names = _joined(map(repr, of))
+    return Kind(lambda value: isinstance(value, str) or value in of, names, names)
+
+
+def _tuple(of: Sequence[Any]) -> Kind:
+    kinds = [kind_of(one) for one in of]
+    inner = ", ".join(kind.one for kind in kinds)
+
+    def has(value: Any) -> bool:
+        if not _is_iterable(value) or not hasattr(value, "__len__") or len(value) != len(kinds):
+            return False
+        return all(kind.has(one) for kind, one in zip(kinds, value, strict=True))
+
+    return Kind(has, f"a tuple ({inner})", f"tuples ({inner})")
+
+
+def _sequence(of: Sequence[Any]) -> Kind:
+    kind = kind_of(of[0])
+    if typing.get_origin(of[0]) is tuple:  # the function names all entries that are wrong
+        return Kind(_is_iterable, f"a sequence of {kind.several}", f"sequences of {kind.several}")
+
+    def has(value: Any) -> bool:
+        if not _is_iterable(value) or isinstance(value, Iterator):
+            return _is_iterable(value)
+        if isinstance(value, range) or hasattr(value, "dtype"):  # whose entries have one type
+            return all(map(kind.has, list(value[:1])))
+        return all(map(kind.has, value))
+
+    return Kind(has, f"a sequence of {kind.several}", f"sequences of {kind.several}")
+
+
+def _of_class(hint: Any) -> Kind:
+    name = getattr(hint, "__name__", str(hint))
+    if hint is Any or not isinstance(hint, type) or getattr(hint, "_is_protocol", False):
+        return Kind(lambda value: True, "an object", "objects")
+    if issubclass(hint, PurePath | PathLike):
+        hint = PathLike
+    article = "an" if name[0] in "AEIO" else "a"
+    return Kind(lambda value: isinstance(value, hint), f"{article} {name}", f"{name}s")
+
+
+def _is_whole(value: Any) -> bool:
+    try:
+        operator.index(value)
+    except TypeError:
+        return False
+    return not isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    return not isinstance(value, bool) and (hasattr(value, "__float__") or _is_whole(value))
+
+
+def _is_truth(value: Any) -> bool:
+    kind = type(value)
+    return kind is bool or (kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_"))
+
+
+def _is_iterable(value: Any) -> bool:
+    """Return whether a value can be a sequence; an array without a dimension cannot."""
+    if isinstance(value, str | bytes | Mapping) or getattr(value, "ndim", 1) == 0:
+        return False
+    return isinstance(value, Iterable)
+
+
+def _joined(words: Iterable[str]) -> str:
+    """Join words by commas, and the last one by "or"; each is named once."""
+    *first, last = dict.fromkeys(words)
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+_PLAIN: dict[Any, Kind] = {
+    type(None): Kind(lambda value: value is None, "None", "None"),
+    bool: Kind(_is_truth, "True or False", "truth values"),
+    int: Kind(_is_whole, "a whole number", "whole numbers"),
+    float: Kind(_is_number, "a number", "numbers"),
+    str: Kind(lambda value: isinstance(value, str), "a text", "texts"),
+}
+"""The kinds of plain types."""
+
+_OF_OTHERS: dict[Any, Callable[[Sequence[Any]], Kind]] = {
+    typing.Union: _either,
+    types.UnionType: _either,
+    Literal: _one_of,
+    tuple: _tuple,
+    type: lambda of: Kind(lambda value: isinstance(value, type), "a class", "classes"),
+    Callable: lambda of: Kind(callable, "a function", "functions"),
+    Mapping: lambda of: Kind(lambda value: isinstance(value, Mapping), "a mapping", "mappings"),
+    Sequence: _sequence,
+}
+"""What makes the kinds of types that are of other types, by their origins."""
