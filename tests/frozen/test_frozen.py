@@ -62,7 +62,7 @@ def test_every_training(engine: str, scenario: str):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("program", episodes(), ids=str)
+@pytest.mark.parametrize("program", [*episodes()], ids=str)
 def test_an_episode_of_every_scenario(program: Episode):
     engines = ENGINES if is_small(program) else ("batch",)
     found = differences("episodes", [program], engines)
@@ -70,7 +70,7 @@ def test_an_episode_of_every_scenario(program: Episode):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("program", episodes(), ids=str)
+@pytest.mark.parametrize("program", [*episodes()], ids=str)
 def test_an_episode_of_every_scenario_in_both_engines(program: Episode):
     if not is_small(program):
         assert not differences("episodes", [program], ENGINES)
