@@ -35,7 +35,7 @@ CRASHES = "crashes_per_drone_episode"
 
 def main(cases, learned):
     """Print the table of the baseline, or that of the learners."""
-    headings = ["case", "reading", "QoE1 %", "QoE2", "QoE3 %"]
+    headings = ["case", "reading", "QoE1 %", "QoE2 steps", "QoE3 %"]
     headings += ["crashes"] if learned else ["covered once %", "crashes", "reward"]
     print(row(headings), row(["---"] * len(headings)), sep="\n")
     for case in cases:
