@@ -302,7 +302,8 @@ def test_nothing_of_torch_is_changed(trained: Any):
 def test_the_command_line_flies_it_where_it_was_trained(trained: Any, tmp_path: Path):
     one = trained("case1", CASE_1)
     policy, out = f"rllib:{one.folder}", tmp_path / "out"
-    done = elsewhere("run", "case1", "--policy", policy, "--seed", 11, "--out", out, "--json")
+    seeds = ("--seed", 11, "--world-seed", CASE_1["world_seed"])
+    done = elsewhere("run", "case1", "--policy", policy, *seeds, "--out", out, "--json")
     assert (done.code, done.err) == (0, "")
     assert done.json["policy"] == policy
     manifest = json.loads((out / "manifest.json").read_text())
