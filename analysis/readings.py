@@ -37,7 +37,7 @@ CRASHES = "crashes_per_drone_episode"
 
 def main(cases, learned):
     """Print the table of the baseline, or that of the learners."""
-    headings = ["case", "reading", "QoE1 %", "difference", "QoE2", "QoE3 %", "difference"]
+    headings = ["case", "reading", "QoE1 %", "difference", "QoE2 steps", "QoE3 %", "difference"]
     headings += ["crashes"] if learned else ["covered once %", "crashes", "reward"]
     print(row(headings), row(["---"] * len(headings)), sep="\n")
     for case in cases:

@@ -58,8 +58,8 @@ def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float)
     """Add wait_s, completion_s, handovers, qoe1, qoe1_feasible and qoe2_iterations to requests.
 
     If requests ask for volumes, ``throughput_kbps`` is added too.
-    ``duration_s`` is the length of the episode in seconds, a number or one per row. An iteration
-    is a step of ``step_s``.
+    ``duration_s`` is the length of the episode in seconds, a number or one per row, and ``step_s``
+    that of a step, the unit of QoE2, which the paper calls an iteration.
     """
     derived = requests.copy()
     first = requests["t_first_service_s"].fillna(requests["t_end_s"])

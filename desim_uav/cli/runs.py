@@ -85,8 +85,8 @@ def run(
     """Run a policy in a scenario, log every request, and print the quality of experience.
 
     The log is a folder of Parquet tables. QoE1 is the share of the requested time that was served,
-    QoE2 the time for which a request was open but not served, in steps (iterations), and QoE3 the
-    share of users that were attached to a drone, averaged over time.
+    QoE2 the time for which a request was open but not served, in steps, and QoE3 the share of
+    users that were attached to a drone, averaged over time.
     """
     import desim_uav as du
 

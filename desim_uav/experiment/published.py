@@ -15,7 +15,7 @@ PUBLISHED: dict[int, dict[str, tuple[float, float, float]]] = {
     8: {"baseline": (68, 10708, 13), "q_learning": (100, 50, 55), "sarsa": (98, 30, 30)},
     9: {"baseline": (52, 215184, 9), "q_learning": (97, 25, 45), "sarsa": (97, 35, 25)},
 }
-"""QoE1 in percent, QoE2 in iterations and QoE3 in percent, by case and policy."""
+"""QoE1 in percent, QoE2 in steps and QoE3 in percent, by case and policy."""
 
 
 def best_qoe3(case: int) -> float:

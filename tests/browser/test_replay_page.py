@@ -533,6 +533,32 @@ class TestDetails:
 
 RECTANGLE = "return document.getElementById(arguments[0]).getBoundingClientRect().toJSON()"
 
+WRITTEN = """
+const written = [];
+const write = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+  if (this.canvas.id === "timeline" && this.textAlign === "left") {
+    written.push([text, x, x + this.measureText(text).width]);
+  }
+  write.call(this, text, x, y);
+};
+replay.seek(0, 1500);
+await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+CanvasRenderingContext2D.prototype.fillText = write;
+return written;
+"""
+"""What the timeline writes at its left edge: text, where it begins and where it ends."""
+
+CUT = """
+for (const caption of document.querySelectorAll(".caption")) {
+  caption.lastElementChild.textContent = "QoE1 100.0 %   QoE2 25.00 steps   QoE3 100.0 %";
+}
+return [...document.querySelectorAll("#measures dt, #measures dd, .caption")]
+  .filter((e) => e.scrollWidth > e.clientWidth || e.matches("dt") && e.offsetHeight > 24)
+  .map((e) => e.textContent);
+"""
+"""The measures that are wider than their place, or on two lines."""
+
 SHARE = """
 const areas = [...document.querySelectorAll("#maps canvas")].map((canvas) => {
   const { width, height } = canvas.getBoundingClientRect();
@@ -880,6 +906,31 @@ class TestLooks:
         wide = page.run("return document.documentElement.scrollWidth")
         assert wide <= width
         page.picture(f"width-{width}")
+
+    @pytest.mark.parametrize("width", [320, 375, 620, 720, 1024, 1440])
+    def test_qoe2_has_its_unit_and_room_for_it(self, page, runs, pair, width):
+        for count, file in ((1, page_of(runs / "case8")), (2, pair)):
+            page.open(file, size=(width, 900))
+            page.frames(3)
+            if page.run("return document.body.classList.contains('no-charts')"):
+                page.click("charts-toggle")
+            page.frames(3)
+            written = page.wait(f"(async () => {{{WRITTEN}}})()")
+            names = {text: end for text, start, end in written if start < 40}
+            values = {text: end for text, start, end in written if start > 40}
+            if count == 1:
+                assert max(names.values()) <= 102  # at least there, the curves begin
+                (qoe2,) = [text for text in names if text.startswith("QoE2")]
+                assert re.fullmatch(r"QoE2 \d+\.\d\d steps", qoe2)
+            else:
+                assert list(names)[1:] == ["QoE1", "QoE2", "steps", "QoE3", "reward"]
+                assert max(names[name] for name in list(names)[1:]) < 46
+                assert max(values.values()) <= 130 - 24  # where the dashes of each run begin
+                for k in (0, 1):
+                    assert re.search(r"QoE2 \d+\.\d\d steps", page.text(f"caption-{k}"))
+            assert "QoE2 steps" in page.text("measures")
+            assert page.run(CUT) == []
+            page.picture(f"units-{width}-{count}")
 
     def test_a_crash(self, page, runs):
         page.open(page_of(runs / "crashing"), "#t=420")

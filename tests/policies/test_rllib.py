@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import desim_uav as du
 from desim_uav.env import UavParallelEnv
 from desim_uav.env.configure import configured
 from desim_uav.errors import MissingExtraError, PolicyError
@@ -301,7 +302,8 @@ def test_nothing_of_torch_is_changed(trained: Any):
 def test_the_command_line_flies_it_where_it_was_trained(trained: Any, tmp_path: Path):
     one = trained("case1", CASE_1)
     policy, out = f"rllib:{one.folder}", tmp_path / "out"
-    done = elsewhere("run", "case1", "--policy", policy, "--seed", 11, "--out", out, "--json")
+    seeds = ("--seed", 11, "--world-seed", CASE_1["world_seed"])
+    done = elsewhere("run", "case1", "--policy", policy, *seeds, "--out", out, "--json")
     assert (done.code, done.err) == (0, "")
     assert done.json["policy"] == policy
     manifest = json.loads((out / "manifest.json").read_text())
@@ -558,9 +560,9 @@ def test_numbers_are_not_unpacked_before_they_are_wanted(
 
 
 def test_what_cannot_be_read_again_is_not_saved():
-    with pytest.raises(PolicyError, match=r"it cannot be saved: .* too many for a network"):
+    with pytest.raises(PolicyError, match=r"^its .* too many for a network"):
         dataclasses.replace(handmade(), statistics=np.zeros(2**20)).to_bytes()
-    with pytest.raises(PolicyError, match="it cannot be saved: ray: "):
+    with pytest.raises(PolicyError, match=r"^ray: "):
         dataclasses.replace(handmade(), about=handmade().about | {"ray": "new"}).to_bytes()
 
 
@@ -679,6 +681,56 @@ def test_a_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         save(None, tmp_path)
 
 
+# ---- an algorithm in memory
+
+PPO = "ray.rllib.algorithms.ppo.ppo:PPO"
+"""What an algorithm of RLlib is called in tables and messages."""
+
+
+@needs_rllib
+@pytest.mark.parametrize("engine", ["des", "batch"])
+@pytest.mark.parametrize(
+    ("config", "settings"),
+    [(CASE_8, {}), (LOCAL, {"shared": True, "use_lstm": True, "lstm_cell_size": 8})],
+)
+def test_an_algorithm_in_memory_flies_as_its_checkpoint_does(
+    config: dict[str, Any], settings: dict[str, Any], engine: str, trained: Any
+):
+    one = trained("case8", config, **settings)
+    flown = {"episodes": 2, "engine": engine, "progress": False}
+    mine = du.run("case8", config, policy=one.algorithm, **flown)
+    saved = du.run("case8", config, policy=f"rllib:{one.folder}", **flown)
+    assert mine.policy == PPO
+    assert mine.steps.equals(saved.steps) and mine.requests.equals(saved.requests)
+    assert mine.steps["action"].nunique() > 1
+
+
+@needs_rllib
+def test_what_an_algorithm_has_learned_since_is_flown_too(tmp_path: Path, trained: Any):
+    """A run reads the algorithm as it is, and leaves its weights and filters as they are."""
+    one = train("case8", CASE_8, tmp_path / "before")
+    first = du.run("case8", CASE_8, policy=one.algorithm, progress=False).steps
+    save(one.algorithm, tmp_path / "after")
+    before, after = (NetworkFile(tmp_path / name).saved() for name in ("before", "after"))
+    assert np.array_equal(before.weights, after.weights)
+    assert np.array_equal(before.statistics, after.statistics)
+    for _ in range(4):
+        one.algorithm.train()
+    save(one.algorithm, tmp_path / "later")
+    later = du.run("case8", CASE_8, policy=one.algorithm, progress=False).steps
+    file = du.run("case8", CASE_8, policy=f"rllib:{tmp_path / 'later'}", progress=False).steps
+    one.algorithm.stop()
+    assert later.equals(file) and not later.equals(first)
+
+
+@needs_rllib
+def test_an_algorithm_for_other_drones_is_named(trained: Any):
+    algorithm = trained("case8", CASE_8).algorithm
+    with pytest.raises(PolicyError) as problem:
+        du.run("case8", CASE_8 | {"drones.count": 2}, policy=algorithm, progress=False)
+    assert str(problem.value).startswith(f"policy '{PPO}': the network was trained with drones 3;")
+
+
 # ---- what cannot be saved
 
 
@@ -710,8 +762,12 @@ def test_connectors_and_mappings_that_cannot_be_saved(
             save(algorithm, tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr(algorithm.env_runner.env.envs[0].unwrapped, "par_env", None)
-        with pytest.raises(PolicyError, match="not trained on a UavParallelEnv"):
+        with pytest.raises(
+            PolicyError, match=r"^it cannot be saved: it was not trained on a UavPar"
+        ):
             save(algorithm, tmp_path)
+        with pytest.raises(PolicyError, match=f"^policy '{PPO}': it was not trained on a UavPar"):
+            load_policy(algorithm)
     (tmp_path / "file").touch()
     with pytest.raises(Exception, match="cannot make"):
         save(algorithm, tmp_path / "file" / "folder")

@@ -21,10 +21,10 @@ from desim_uav.world import World
 
 
 class InMemory:
-    """What is in the file of a checkpoint, after the file has gone."""
+    """What would be in the file of an algorithm's checkpoint; messages name the algorithm."""
 
-    def __init__(self, file: NetworkFile) -> None:
-        self.path, self.about, self.statistics = file.path, file.about, file.statistics
+    def __init__(self, path: str, file: NetworkFile) -> None:
+        self.path, self.about, self.statistics = path, file.about, file.statistics
         self._saved = file.saved()
 
     def saved(self) -> Saved:
@@ -53,10 +53,16 @@ class RLlib:
 
         Raises PolicyError for an algorithm that could not be rebuilt.
         """
-        policy = cls.__new__(cls)
+        saving, policy = (
+            importlib.import_module("desim_uav.policies.rllib.saving"),
+            cls.__new__(cls),
+        )
         with TemporaryDirectory(prefix="desim-uav-") as scratch:
-            importlib.import_module("desim_uav.policies.rllib.saving").save(algorithm, scratch)
-            policy._use(name, InMemory(NetworkFile(Path(scratch))))
+            try:
+                (Path(scratch) / NAME).write_bytes(saving.content_of(algorithm))
+            except PolicyError as error:
+                raise PolicyError(f"policy {name!r}: {error}") from error
+            policy._use(name, InMemory(f"policy {name!r}", NetworkFile(Path(scratch))))
         return policy
 
     def _use(self, folder: str, file: NetworkFile | InMemory) -> None:

@@ -122,7 +122,7 @@ class Saved:
         unpacked = self.weights.nbytes + self.statistics.nbytes
         problem = _misfit(self.about, self.weights.size) or _too_dense(unpacked, len(content))
         if problem:
-            raise PolicyError(f"it cannot be saved: {problem}")
+            raise PolicyError(problem)
         return content
 
 

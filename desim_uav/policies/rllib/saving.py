@@ -40,6 +40,24 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
     that could not be rebuilt, and DesimError if the file cannot be written.
     """
     try:
+        content = content_of(algorithm)
+    except PolicyError as error:
+        raise PolicyError(f"it cannot be saved: {error}") from error
+    file = Path(folder) / NAME
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DesimError(f"cannot make {file.parent}: {error.strerror or error}") from error
+    write_whole(file, content)
+    return file
+
+
+def content_of(algorithm: Any) -> bytes:
+    """Return the content of the file of an algorithm that is in memory.
+
+    Raises PolicyError, which says why, for an algorithm that could not be rebuilt.
+    """
+    try:
         built = importlib.import_module("desim_uav.policies.rllib.network")
     except ModuleNotFoundError as error:
         raise MissingExtraError("saving a network of RLlib", "rllib") from error
@@ -65,14 +83,8 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
     try:
         built.Network(about, world).fill(saved)
     except Exception as error:  # RLlib refuses in many ways
-        raise PolicyError(f"it cannot be saved: it cannot be built again: {error}") from error
-    file = Path(folder) / NAME
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DesimError(f"cannot make {file.parent}: {error.strerror or error}") from error
-    write_whole(file, content)
-    return file
+        raise PolicyError(f"it cannot be built again: {error}") from error
+    return content
 
 
 class Flown(NamedTuple):
@@ -93,7 +105,7 @@ def _flown(algorithm: Any) -> Flown:
     for flown in told:
         if flown is not None:
             return flown
-    raise PolicyError("it cannot be saved: it was not trained on a UavParallelEnv")
+    raise PolicyError("it was not trained on a UavParallelEnv")
 
 
 def _told(runner: Any) -> Flown | None:
@@ -113,9 +125,7 @@ def _agents(algorithm: Any, world: World) -> list[str]:
     try:
         return [str(of(f"drone_{d}", None)) for d in range(world.scenario.drone_count)]
     except Exception as error:  # a user's function
-        raise PolicyError(
-            f"it cannot be saved: policy_mapping_fn must depend on the agent alone: {error}"
-        ) from error
+        raise PolicyError(f"policy_mapping_fn must depend on the agent alone: {error}") from error
 
 
 def _modules(modules: dict[str, Any]) -> tuple[dict[str, Any], NDArray[np.float32]]:
@@ -137,7 +147,7 @@ def _settings(config: Any) -> dict[str, Any]:
     given = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
     for key in ("lstm_use_prev_action", "lstm_use_prev_reward"):
         if given.get(key):
-            raise PolicyError(f"it cannot be saved: {key}: a policy here receives no rewards")
+            raise PolicyError(f"{key}: a policy here receives no rewards")
     return {key: given[key] for key in SETTINGS if key in given}
 
 
@@ -149,7 +159,7 @@ def _own(pipeline: Any) -> list[Any]:
 def _connector(piece: Any) -> dict[str, Any]:
     name = _known(piece, CONNECTORS)
     if getattr(piece, "_keys_to_remove", None) or getattr(piece, "_agent_ids", None):
-        raise PolicyError(f"it cannot be saved: its {name} leaves out keys or agents")
+        raise PolicyError(f"its {name} leaves out keys or agents")
     return {
         "class": name,
         "settings": {key: getattr(piece, key) for key in OF_CONNECTORS[name]},
@@ -160,5 +170,5 @@ def _known(one: Any, known: dict[str, str]) -> str:
     """Return the name of an object's class, which must be one of the known classes."""
     name, module = type(one).__name__, type(one).__module__
     if known.get(name) != module:
-        raise PolicyError(f"it cannot be saved: {module}.{name} is not one of {', '.join(known)}")
+        raise PolicyError(f"{module}.{name} is not one of {', '.join(known)}")
     return name

@@ -110,3 +110,6 @@ export const words = (name) => name.replaceAll("_", " ");
 
 export const percent = (value, digits = 1) => (value === null || Number.isNaN(value)
   ? "–" : `${value.toFixed(digits)} %`);
+
+/** QoE2 with its unit, or without it where the unit stands beside its name. */
+export const inSteps = (value, unit = " steps") => (value === null ? "–" : value.toFixed(2) + unit);

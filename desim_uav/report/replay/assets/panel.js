@@ -3,15 +3,15 @@
 import { allUsers, describe, howMany, modeOf, tell, usersOf } from "./details.js";
 import { isCommon } from "./fork.js";
 import { typeOf } from "./links.js";
-import { clock, droneColour, inkOn, percent, shortClock } from "./palette.js";
+import { clock, droneColour, inkOn, inSteps, percent, shortClock } from "./palette.js";
 import { byId, element, fillRows, setText } from "./rows.js";
 import { CRASHED, FLYING, RETURNING } from "./states.js";
 
 const LETTERS = ["A", "B"];
 const MEASURES = [
   ["QoE1", "Share of the requested time that was served, mean over requests", (now) => percent(now.qoe1)],
-  ["QoE2", "Time a request was open and not served, in steps, mean over requests",
-    (now) => (now.qoe2 === null ? "–" : now.qoe2.toFixed(2))],
+  ["QoE2 steps", "Time a request was open and not served, in steps, mean over requests",
+    (now) => inSteps(now.qoe2, "")],
   ["QoE3", "Time average of the share of users attached to a drone", (now) => percent(now.qoe3)],
   ["reward", "Sum over the steps, mean over the drones", (now) => now.reward.toFixed(2)],
   ["requests", "Requests so far", (now) => String(now.requests)],
@@ -94,7 +94,7 @@ export class Panel {
       const values = runs.map(() => element("dd"));
       cell.append(term, ...values);
       byId("measures").append(cell);
-      if (!pair) values[0].id = name.toLowerCase();
+      if (!pair) [values[0].id] = name.toLowerCase().split(" ");
       return { form, values };
     });
     byId("one-seed").hidden = !pair;
@@ -151,7 +151,7 @@ export class Panel {
       const over = each.episode.durationUs < tUs ? `, over at ${shortClock(each.episode.durationUs)}` : "";
       const same = k > 0 && isCommon(states, tUs) ? ", so far the same" : "";
       setText(caption.firstElementChild, nameOf(this.runs, k) + over + same);
-      setText(caption.lastElementChild, `QoE1 ${percent(now[k].qoe1)}   QoE2 ${MEASURES[1][2](now[k])}   QoE3 ${percent(now[k].qoe3)}`);
+      setText(caption.lastElementChild, `QoE1 ${percent(now[k].qoe1)}   QoE2 ${inSteps(now[k].qoe2)}   QoE3 ${percent(now[k].qoe3)}`);
       this.#updateDrones(each, this.drones[k]);
     });
     this.#updateChosen(states);

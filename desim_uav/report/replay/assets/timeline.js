@@ -2,7 +2,7 @@
 
 import { forkUs } from "./fork.js";
 import { typeOf } from "./links.js";
-import { clock, droneColour, FONT, percent, shortClock } from "./palette.js";
+import { clock, droneColour, FONT, inSteps, percent, shortClock } from "./palette.js";
 
 const MARKS = 20;
 const AXIS = 18;
@@ -48,7 +48,8 @@ export class Timeline {
     this.ratio = Math.min(3, window.devicePixelRatio || 1);
     this.width = width;
     this.height = height;
-    this.left = width < 520 ? 102 : 118;
+    const alone = width < 520 ? 102 : 118;
+    this.left = this.runs.length > 1 ? 130 : alone;
     this.canvas.width = Math.round(width * this.ratio);
     this.canvas.height = Math.round(height * this.ratio);
     this.stale = true;
@@ -277,13 +278,14 @@ export class Timeline {
     this.lanes.forEach((lane, k) => {
       const { top, height } = this.#lane(k);
       const rows = lane.labels(now, states[0], this.width < 520);
+      const rowY = (j, count) => top + height / 2 + (j - (count - 1) / 2) * 14;
+      const names = lane.names ?? [];
+      names.forEach((name, j) => write(name, rowY(j, names.length), theme.ink, 500));
       rows.forEach((row, j) => {
-        const indent = lane.name ? 46 : 4;
-        if (lane.name && j === 0) write(lane.name, top + height / 2, theme.ink, 500);
-        write(row.text, top + height / 2 + (j - (rows.length - 1) / 2) * 14, theme.ink, 500, indent);
+        const y = rowY(j, rows.length);
+        write(row.text, y, theme.ink, 500, names.length ? 46 : 4);
         if (!row.line) return;
         ctx.strokeStyle = row.line.colour ?? theme.ink;
-        const y = top + height / 2 + (j - (rows.length - 1) / 2) * 14;
         ctx.lineWidth = 1.5;
         ctx.setLineDash(row.line.dash ?? []);
         ctx.beginPath();
@@ -325,11 +327,11 @@ export class Timeline {
 function lanesOfTwo(states) {
   const most = (lines, least) => lines.reduce((high, { values }) => (
     values.reduce((a, b) => (b > a ? b : a), high)), least);
-  const lane = (name, linesOf, form, limits, share = 1) => {
+  const lane = (names, linesOf, form, limits, share = 1) => {
     const lines = states.map((state, k) => ({ ...linesOf(state), dash: DASHES[k] }));
     const [low, high] = limits(lines);
     return {
-      name, low, high, share, lines,
+      names, low, high, share, lines,
       labels: (now) => now.map((each, k) => ({
         text: `${LETTERS[k]} ${form(each)}`, line: lines[k],
       })),
@@ -338,11 +340,11 @@ function lanesOfTwo(states) {
   const course = (name) => ({ course: of }) => ({ tUs: of.tUs, values: of[name] });
   const full = () => [0, 100];
   return [
-    lane("QoE1", course("qoe1"), (now) => percent(now.qoe1), full),
-    lane("QoE2", course("qoe2"), (now) => (now.qoe2 === null ? "–" : now.qoe2.toFixed(2)),
+    lane(["QoE1"], course("qoe1"), (now) => percent(now.qoe1), full),
+    lane(["QoE2", "steps"], course("qoe2"), (now) => inSteps(now.qoe2, ""),
       (lines) => [0, most(lines, 0.5) * 1.05]),
-    lane("QoE3", course("qoe3"), (now) => percent(now.qoe3), full),
-    lane("reward", (state) => rewardSteps(state.run, state.episode), (now) => now.reward.toFixed(2),
+    lane(["QoE3"], course("qoe3"), (now) => percent(now.qoe3), full),
+    lane(["reward"], (state) => rewardSteps(state.run, state.episode), (now) => now.reward.toFixed(2),
       (lines) => [Math.min(0, ...lines.flatMap(({ values }) => values)), most(lines, 0.1)]),
   ];
 }
@@ -365,9 +367,7 @@ function lanesOf(run, state) {
     },
     {
       low: 0, high: most(course.qoe2, 0.5) * 1.05, lines: [{ tUs: course.tUs, values: course.qoe2 }],
-      labels: ([now], _, narrow) => [
-        { text: `QoE2 ${now.qoe2 === null ? "–" : now.qoe2.toFixed(2)}${narrow ? "" : " steps"}` },
-      ],
+      labels: ([now]) => [{ text: `QoE2 ${inSteps(now.qoe2)}` }],
     },
     {
       low: Math.min(0, ...steps.values), high: most(steps.values, 0.1), lines: [steps],
