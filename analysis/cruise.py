@@ -24,10 +24,10 @@ import numpy as np
 import desim_uav as du
 from desim_uav.experiment.statistics import estimate, paired
 from desim_uav.experiment.train.course import train
-from desim_uav.model.motion import REST, BangCoastBang
+from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, best_speeds, powers_of
+from desim_uav.model.energy.rotary_wing import RotaryWing
+from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.observations import Feature, RowObservation
-from desim_uav.model.propulsion.rotary_wing import ROTORS, best_speeds, powers_of
-from desim_uav.model.rotary_wing import RotaryWing
 from desim_uav.policies.tabular import Greedy
 
 FIRST_SEED, EVALUATED = 201, 20

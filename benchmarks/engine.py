@@ -19,7 +19,7 @@ import simpy
 from desim_uav.engine.base import EpisodeLog
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment.run import run_settings
-from desim_uav.model.streams import Purpose, Streams
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import decide
 from desim_uav.sample_path import draw

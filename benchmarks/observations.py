@@ -20,8 +20,8 @@ import numpy as np
 from desim_uav import UavVectorEnv
 from desim_uav.engine.compiled.calls import constants_at, state_at
 from desim_uav.learning.training import Training
-from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import kernel
+from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.kernels import kernel
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from desim_uav.learning.training import Training
-from desim_uav.model.asking import RowDemand, ask_for_mix
+from desim_uav.model.demand.asking import RowDemand, ask_for_mix
+from desim_uav.model.mobility.walking import RowMobility, go_on
+from desim_uav.model.random.streams import exponential_us, heading
 from desim_uav.model.rewards import RowReward
-from desim_uav.model.streams import exponential_us, heading
-from desim_uav.model.walking import RowMobility, go_on
 from desim_uav.rules.words import CRASHED, QUEUED
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

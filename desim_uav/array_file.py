@@ -20,7 +20,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from desim_uav.errors import PolicyError, in_short
-from desim_uav.regular_file import opened
+from desim_uav.rowcode.regular_file import opened
 
 LARGEST = 2**32
 LONGEST_TEXT = 2**24

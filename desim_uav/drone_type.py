@@ -8,14 +8,20 @@ from functools import cached_property
 import numpy as np
 
 from desim_uav.copies import Unchanging
-from desim_uav.model.battery import capacity_of, in_joules, per_second_of
-from desim_uav.model.free.prisms import Zone
-from desim_uav.model.free.space import Space, space_of
-from desim_uav.model.grid import Cell, Grid
-from desim_uav.model.motion import Motion, Transit, commanded_transit, cruise_of, return_transit
-from desim_uav.model.planner import HOPS, Node, Planner
+from desim_uav.model.energy.battery import capacity_of, in_joules, per_second_of
+from desim_uav.model.geometry.grid import Cell, Grid
+from desim_uav.model.geometry.prisms import Zone
+from desim_uav.model.motion.motion import (
+    Motion,
+    Transit,
+    commanded_transit,
+    cruise_of,
+    return_transit,
+)
+from desim_uav.model.motion.planner import HOPS, Node, Planner
+from desim_uav.model.motion.space import Space, space_of
+from desim_uav.model.motion.wind import flown_along, motion_in, rest_in
 from desim_uav.model.rules import MOVES, US, Choice, actions, free_actions, kind_of
-from desim_uav.model.wind import flown_along, motion_in, rest_in
 from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 
 

@@ -1,9 +1,12 @@
-"""The errors a user can meet, each with the exit code the command line ends with."""
+"""The errors a user can meet, each with the exit code the command line ends with, and notices."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import difflib
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -101,3 +104,35 @@ def in_short(what: object, longest: int = 200) -> str:
     """Return text from an untrusted file, shortened and printable, for use in a message."""
     text = str(what)
     return printable(text if len(text) <= longest else f"{text[: longest - 1]}…")
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return `` (did you mean 'x'?)`` for the nearest known word, or "" if none is near."""
+    nearest = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f" (did you mean {nearest[0]!r}?)" if nearest else ""
+
+
+def has_instead(of: type, name: str) -> str:
+    """Return the fields of a row or record that lacks ``name``, for a message, or ""."""
+    listings = ("kinds", "__dataclass_fields__", "_fields")
+    known = next((list(vars(of)[each]) for each in listings if each in vars(of)), [])
+    return f"{did_you_mean(name, known)}; it has {', '.join(known)}" if known else ""
+
+
+def notice(words: str) -> None:
+    """Print one line on stderr, as the command line prints its errors."""
+    try:
+        print(f"desim-uav: {printable(words)}", file=sys.stderr, flush=True)
+    except BrokenPipeError:
+        drop(sys.stderr)
+
+
+def drop(stream: Any) -> None:
+    """Discard what is still to be written to a stream that nobody reads any more.
+
+    Otherwise Python would report an error when it exits.
+    """
+    with suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)

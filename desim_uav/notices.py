@@ -1,25 +1,15 @@
-"""Lines that are printed: results on stdout, notices and problems on stderr.
+"""Lines on stdout, and characters that the encoding of a terminal lacks.
 
-Control characters in other people's text are not sent to the terminal, characters that its encoding
-lacks are replaced, and it is not an error if the program that reads the output has ended.
+Control characters in other people's text are not sent to the terminal. Notices on stderr are
+printed by ``errors.notice``.
 """
 
 from __future__ import annotations
 
-import os
 import sys
-from contextlib import suppress
 from typing import Any
 
 from desim_uav.errors import printable
-
-
-def notice(words: str) -> None:
-    """Print one line on stderr, as the command line prints its errors."""
-    try:
-        print(f"desim-uav: {printable(words)}", file=sys.stderr, flush=True)
-    except BrokenPipeError:
-        drop(sys.stderr)
 
 
 def tell(line: object = "") -> None:
@@ -33,14 +23,3 @@ def replace_lacking() -> None:
         reconfigure: Any = getattr(stream, "reconfigure", None)
         if reconfigure is not None and getattr(stream, "errors", None) == "strict":
             reconfigure(errors="replace")
-
-
-def drop(stream: Any) -> None:
-    """Discard what is still to be written to a stream that nobody reads any more.
-
-    Otherwise Python would report an error when it exits.
-    """
-    with suppress(OSError, ValueError, AttributeError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)

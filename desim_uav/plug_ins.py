@@ -13,7 +13,7 @@ import sysconfig
 from contextlib import suppress
 from pathlib import Path
 
-from desim_uav.notices import notice
+from desim_uav.errors import notice
 
 REFUSED = "--no-plugins refuses components of one's own, whose code would run"
 

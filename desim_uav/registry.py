@@ -7,13 +7,12 @@ that you trust; ``desim-uav --no-plugins`` refuses them all.
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import importlib.util
 import pkgutil
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ from types import CodeType, ModuleType
 from typing import Any, ClassVar, TypeVar
 
 from desim_uav import own_code
-from desim_uav.errors import DesimError, SimulationError
+from desim_uav.errors import DesimError, SimulationError, did_you_mean, has_instead
 from desim_uav.plug_ins import ADMISSION
 from desim_uav.typed import typed
 
@@ -104,9 +103,13 @@ def register(slot: str, name: str) -> Callable[[T], T]:
     return enter
 
 
-def discover(package: ModuleType) -> None:
-    """Import every module of a package, so that its components register themselves."""
-    for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+def discover(package: ModuleType, deep: bool = False) -> None:
+    """Import every module of a package, so that its components register themselves.
+
+    If ``deep``, the modules of the packages in it are imported too.
+    """
+    listed = pkgutil.walk_packages if deep else pkgutil.iter_modules
+    for module in listed(package.__path__, package.__name__ + "."):
         importlib.import_module(module.name)
 
 
@@ -132,12 +135,6 @@ def resolve(slot: str, name: str) -> type:
     )
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return `` (did you mean 'x'?)`` for the nearest known word, or "" if none is near."""
-    nearest = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
-    return f" (did you mean {nearest[0]!r}?)" if nearest else ""
-
-
 def what_failed(error: BaseException) -> str:
     """Return an error's message, with the file and line of the user's own code that raised it."""
     if isinstance(error, DesimError):  # whose messages are whole
@@ -160,13 +157,6 @@ def _fields(error: BaseException) -> str:
     if not isinstance(error, AttributeError) or not of.__module__.startswith("desim_uav."):
         return ""
     return has_instead(of, str(error.name))
-
-
-def has_instead(of: type, name: str) -> str:
-    """Return the fields of a row or record that lacks ``name``, for a message, or ""."""
-    listings = ("kinds", "__dataclass_fields__", "_fields")
-    known = next((list(vars(of)[each]) for each in listings if each in vars(of)), [])
-    return f"{did_you_mean(name, known)}; it has {', '.join(known)}" if known else ""
 
 
 @contextmanager

@@ -18,10 +18,16 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from desim_uav.checksums import SUMS, of_files, verify
-from desim_uav.errors import DesimError, PolicyError, ScenarioError, UsageError, in_short
+from desim_uav.errors import (
+    DesimError,
+    PolicyError,
+    ScenarioError,
+    UsageError,
+    did_you_mean,
+    in_short,
+)
 from desim_uav.records import TABLES, Columns, arrow_schema, misfit
-from desim_uav.registry import did_you_mean
-from desim_uav.regular_file import lock_file, new_file
+from desim_uav.rowcode.regular_file import lock_file, new_file
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
-from desim_uav.model.asking import Requests
-from desim_uav.model.kernels import maker
-from desim_uav.model.philox import key_of
-from desim_uav.model.streams import (
+from desim_uav.model.demand.asking import Requests
+from desim_uav.model.mobility.walking import RowWalks, Walks
+from desim_uav.model.random.philox import key_of
+from desim_uav.model.random.streams import (
     Purpose,
     Seeds,
     Streams,
@@ -20,7 +20,7 @@ from desim_uav.model.streams import (
     seed_of_each,
     states_of,
 )
-from desim_uav.model.walking import RowWalks, Walks
+from desim_uav.rowcode.kernels import maker
 from desim_uav.typed import typed
 from desim_uav.world import World
 
@@ -37,8 +37,8 @@ class SamplePath(Unchanging):
     ``position_error``: (drones, steps + 1, 2), the error of a drone's believed cell at each
     decision epoch and at the end of the episode, in cells; None without noise. ``respawn``:
     (drones, steps + 1), the station of a drone's first, second, … respawn. ``link_key``: (2,), the
-    key of the draws of links (``model.philox``), whose counters name user, drone and cell; it is
-    longer in an episode that a planner imagines (``model.radio.draws``).
+    key of the draws of links (``model.random.philox``), whose counters name user, drone and cell;
+    it is longer in an episode that a planner imagines (``model.radio.draws``).
     """
 
     episode: int

@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from desim_uav.errors import ScenarioError
-from desim_uav.registry import did_you_mean
+from desim_uav.errors import ScenarioError, did_you_mean
 
 _PACKAGE = Path(__file__).resolve().parent
 

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from numpy.typing import NDArray
 
-from desim_uav.model.grid import altitudes
+from desim_uav.model.geometry.grid import altitudes
 from desim_uav.model.observations import Feature, common_features
 from desim_uav.model.state import Facts
 from desim_uav.scenario.schema import DrawnObstacles

@@ -14,23 +14,23 @@ from numpy.typing import NDArray
 from desim_uav.copies import Unchanging
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
-from desim_uav.model.asking import Requests, RowDemand, RowDraws
-from desim_uav.model.charging import Charging
-from desim_uav.model.components import works_on_rows
-from desim_uav.model.demand import requests_of
-from desim_uav.model.free.space import require_free
-from desim_uav.model.grid import Cell, Grid, altitudes, connected
-from desim_uav.model.mobility import walks_of
-from desim_uav.model.motion import Transit, cruise_of
+from desim_uav.model.demand.asking import Requests, RowDemand, RowDraws
+from desim_uav.model.demand.demand import requests_of
+from desim_uav.model.energy.charging import Charging
+from desim_uav.model.geometry.grid import Cell, Grid, altitudes, connected
+from desim_uav.model.mobility.mobility import walks_of
+from desim_uav.model.mobility.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
+from desim_uav.model.motion.motion import Transit, cruise_of
+from desim_uav.model.motion.planner import Node, Planner
+from desim_uav.model.motion.space import require_free
 from desim_uav.model.observations import Feature
-from desim_uav.model.planner import Node, Planner
 from desim_uav.model.radio.link import thresholds_db
+from desim_uav.model.random.streams import Purpose, Seeds, Streams, states_of
 from desim_uav.model.rules import US, Action, Choice, actions, free_actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
-from desim_uav.model.streams import Purpose, Seeds, Streams, states_of
-from desim_uav.model.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
 from desim_uav.registry import naming_plug_ins
+from desim_uav.rowcode.components import works_on_rows
 from desim_uav.scenario import cost, layout
 from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.facts import Pairs, as_html, as_text

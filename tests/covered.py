@@ -33,9 +33,9 @@ NOT_MEASURED = (  # no file may be large, that of the coverage neither
 COMPILED_ONLY = (
     "engine/compiled/",
     "learning/fused.py",
-    "model/compiled_rows.py",
-    "model/compiled_queues.py",
-    "model/compiled_registers.py",
+    "rowcode/compiled_rows.py",
+    "rowcode/compiled_queues.py",
+    "rowcode/compiled_registers.py",
     "model/radio/air.py",
     "model/radio/bounds.py",
     "model/radio/links.py",

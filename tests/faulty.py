@@ -14,15 +14,15 @@ import numpy as np
 
 from desim_uav.learning.q_learning import QLearning
 from desim_uav.model.admission import RowAdmission
-from desim_uav.model.asking import RowDemand, ask_for, ask_for_mix
-from desim_uav.model.battery import Endurance
-from desim_uav.model.charging import Constant
-from desim_uav.model.kernels import rule
+from desim_uav.model.demand.asking import RowDemand, ask_for, ask_for_mix
+from desim_uav.model.energy.battery import Endurance
+from desim_uav.model.energy.charging import Constant
+from desim_uav.model.mobility.walking import RowMobility, stay
 from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.radio.path_loss import FreeSpace
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sharing import RowSharing
-from desim_uav.model.walking import RowMobility, stay
+from desim_uav.rowcode.kernels import rule
 
 CONSTANTS = np.array([0.25, 0.5, 1.0])
 

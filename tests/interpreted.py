@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from desim_uav.model import numba_parts
+from desim_uav.rowcode import numba_parts
 
 
 def njit(**_: Any) -> Callable[[Any], Any]:

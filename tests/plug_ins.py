@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from desim_uav.model.asking import NOTHING, RowDemand, ask_for, ask_for_mix
-from desim_uav.model.streams import exponential_us, heading, uniform
-from desim_uav.model.walking import RowMobility, go_on, go_to, stay
+from desim_uav.model.demand.asking import NOTHING, RowDemand, ask_for, ask_for_mix
+from desim_uav.model.mobility.walking import RowMobility, go_on, go_to, stay
+from desim_uav.model.random.streams import exponential_us, heading, uniform
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from desim_uav.model.components import over_rows
-from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import US
 from desim_uav.model.state import Facts, Observation
+from desim_uav.rowcode.components import over_rows
+from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules import rows
 from desim_uav.rules.rows import Cell, Constants, Drone, Plan, State, User
 

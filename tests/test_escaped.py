@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 from matplotlib.figure import Figure
 
-from desim_uav import escaped, notices
+from desim_uav import errors, escaped, notices
 from desim_uav.experiment.bench.board import markdown as board
 from desim_uav.experiment.compare import Comparison, Replication
 from desim_uav.report.figures.style import as_text, to_bytes
@@ -139,7 +139,7 @@ def test_nobody_reads_the_progress(monkeypatch):
             raise BrokenPipeError
 
     monkeypatch.setattr("sys.stderr", Closed())
-    notices.notice("1 of 2 episodes")
+    errors.notice("1 of 2 episodes")
 
 
 @pytest.mark.thorough

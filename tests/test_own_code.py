@@ -23,11 +23,11 @@ from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.sweep.grid import axes
 from desim_uav.experiment.sweep.job import jobs, run_job
 from desim_uav.experiment.sweep.plan import Asked, arms, policy_digest
-from desim_uav.model.components import check_unchanged
 from desim_uav.model.radio.fits import _own
 from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.traces import index, read_table
 from desim_uav.policies import load_policy
+from desim_uav.rowcode.components import check_unchanged
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 
@@ -35,7 +35,7 @@ SLOW = """
 from dataclasses import dataclass
 import numpy as np
 import own_rates.at_night
-from desim_uav.model.asking import RowDemand, ask_for_mix
+from desim_uav.model.demand.asking import RowDemand, ask_for_mix
 
 GAP_S = np.int64({gap})
 

@@ -16,7 +16,7 @@ FAULTY = """
 import sys
 from dataclasses import dataclass
 
-from desim_uav.model.mobility import RandomWalk
+from desim_uav.model.mobility.mobility import RandomWalk
 from desim_uav.rules.rewards import Coverage
 
 

@@ -13,7 +13,7 @@ from desim_uav import qoe
 from desim_uav.engine.base import EpisodeLog, Step
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.tables import steps_table
-from desim_uav.model.motion import travelled
+from desim_uav.model.motion.motion import travelled
 from desim_uav.model.rules import US, Action, Mode
 from desim_uav.records import (
     EPISODES,

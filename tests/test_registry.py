@@ -3,8 +3,9 @@
 import pytest
 
 from desim_uav import policies, registry
+from desim_uav.errors import did_you_mean
 from desim_uav.policies.hover import Hover
-from desim_uav.registry import did_you_mean, names, register, resolve
+from desim_uav.registry import names, register, resolve
 
 SLOT = "tests' own slot"
 

@@ -14,7 +14,7 @@ from desim_uav import qoe as measures
 from desim_uav.api import arguments
 from desim_uav.api.kept import InFolder, InMemory, Kept, Tables, default_place
 from desim_uav.api.replay import Page, Replay
-from desim_uav.errors import Interrupted, UsageError
+from desim_uav.errors import Interrupted, UsageError, did_you_mean
 from desim_uav.experiment import command
 from desim_uav.experiment import resume as resuming
 from desim_uav.experiment.progress import progress as shown
@@ -22,7 +22,6 @@ from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.replay.page import make_replay
 from desim_uav.experiment.statistics import estimate
 from desim_uav.policies.base import PolicyLike
-from desim_uav.registry import did_you_mean
 from desim_uav.report import notebook
 from desim_uav.report.text import MEASURES
 from desim_uav.run_folder import Place, Replaced

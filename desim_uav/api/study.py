@@ -8,7 +8,7 @@ from pathlib import Path
 from desim_uav.api import arguments
 from desim_uav.api.found import Bounds, Optimum
 from desim_uav.api.sources import each_of
-from desim_uav.errors import Interrupted, UsageError
+from desim_uav.errors import Interrupted, UsageError, did_you_mean
 from desim_uav.experiment import reproduce as paper
 from desim_uav.experiment.bounds import bounds, work_of
 from desim_uav.experiment.interrupt import at_once
@@ -18,7 +18,6 @@ from desim_uav.experiment.sweep.plan import Asked
 from desim_uav.experiment.sweep.run import BACKENDS, sweep_to_folder
 from desim_uav.experiment.sweep.table import Done
 from desim_uav.policies.base import policy_name
-from desim_uav.registry import did_you_mean
 from desim_uav.scenario.load import Overrides
 from desim_uav.shipped import find_scenario
 from desim_uav.typed import typed

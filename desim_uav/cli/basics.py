@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from desim_uav.cli.options import Json, Override, complete_scenarios
-from desim_uav.notices import notice, tell
+from desim_uav.errors import notice
+from desim_uav.notices import tell
 
 
 def scenarios(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.notices import notice
+from desim_uav.errors import notice
 
 
 def complain(problems: str) -> None:

@@ -16,9 +16,9 @@ from desim_uav.api.invocation import begun_by
 from desim_uav.cli import basics, bench, gallery, learning, pictures, runs
 from desim_uav.cli.ending import complain
 from desim_uav.cli.plain import Command, Group, careful
-from desim_uav.errors import DesimError, UsageError
+from desim_uav.errors import DesimError, UsageError, drop
 from desim_uav.experiment.interrupt import INTERRUPTED, end_politely, leave
-from desim_uav.notices import drop, replace_lacking
+from desim_uav.notices import replace_lacking
 from desim_uav.plug_ins import ADMISSION
 
 app = typer.Typer(

@@ -135,7 +135,7 @@ FirstSeed = Annotated[
 
 def one_of(allowed: Collection[str], word: str, option: str) -> str:
     """The word. Raises BadParameter where it is none of those allowed."""
-    from desim_uav.registry import did_you_mean
+    from desim_uav.errors import did_you_mean
 
     if word not in allowed:
         raise typer.BadParameter(

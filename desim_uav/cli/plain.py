@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from desim_uav.cli.options import SCENARIO
-from desim_uav.notices import drop
+from desim_uav.errors import drop
 from desim_uav.plug_ins import ADMISSION
 
 

@@ -20,7 +20,7 @@ from desim_uav.model.radio.scene import (
     memory,
 )
 from desim_uav.model.radio.sight import Buildings, cells_as_prisms
-from desim_uav.model.rows import Table
+from desim_uav.rowcode.rows import Table
 from desim_uav.rules.air import PROFILE
 from desim_uav.rules.rows import Constants
 from desim_uav.world import Links, World

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.audit_instants import audit_instant
 from desim_uav.engine.audit_sight import possible_levels_dbm
-from desim_uav.model.coverage import all_walked
+from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.words import CHARGING, CRASHED, FLYING, QUEUED

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from desim_uav.model.planner import Node
-from desim_uav.model.rows import named
+from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import Mode, Outcome
+from desim_uav.rowcode.rows import named
 from desim_uav.rules.rows import PointRecord, Record
 
 Event = tuple[Any, ...]

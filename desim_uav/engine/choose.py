@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from desim_uav.errors import ScenarioError, UsageError
-from desim_uav.notices import notice
+from desim_uav.errors import ScenarioError, UsageError, notice
 from desim_uav.scenario.cost import check_cost
 
 if TYPE_CHECKING:

@@ -8,14 +8,14 @@ from itertools import accumulate, chain
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.model.components import works_on_rows
-from desim_uav.model.coverage import bucket_grid
-from desim_uav.model.motion import Transit
-from desim_uav.model.planner import DIRECTIONS, HOPS, Node
+from desim_uav.model.geometry.coverage import bucket_grid
+from desim_uav.model.motion.motion import Transit
+from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.radio.marks import KINDS
 from desim_uav.model.rewards import RowReward
-from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import move_of
+from desim_uav.rowcode.components import works_on_rows
+from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules.rows import (
     Cell,
     Constants,

@@ -16,11 +16,11 @@ from desim_uav.engine.constants import hop_transit, term_names
 from desim_uav.engine.free import aim, carried_course, flown_leg, load_course
 from desim_uav.engine.restorable import Restorable
 from desim_uav.errors import SimulationError
-from desim_uav.model.coverage import all_walked
-from desim_uav.model.planner import Node
-from desim_uav.model.rows import Queue
+from desim_uav.model.geometry.coverage import all_walked
+from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observation_of, snapshot_of
+from desim_uav.rowcode.rows import Queue
 from desim_uav.rules import requests, wide
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD

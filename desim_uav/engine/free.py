@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import FlownLeg, FreeCarried
-from desim_uav.model.free.flight import no_faster
-from desim_uav.model.free.legs import FreeLeg, leg_between
-from desim_uav.model.free.space import Space, Ways
-from desim_uav.model.motion import TRAPEZOID
-from desim_uav.model.rows import Queue, Table, blank, fill
+from desim_uav.model.motion.flight import no_faster
+from desim_uav.model.motion.legs import FreeLeg, leg_between
+from desim_uav.model.motion.motion import TRAPEZOID
+from desim_uav.model.motion.space import Space, Ways
 from desim_uav.model.rules import Action, Mode
+from desim_uav.rowcode.rows import Queue, Table, blank, fill
 from desim_uav.rules.free_flight import write_flight
 from desim_uav.rules.rows import Course, FlownRow, Piece, SpaceRow, WaysRow
 from desim_uav.rules.words import AIMS, OWN, REST

@@ -21,8 +21,8 @@ from desim_uav.copies import Unchanging
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
 from desim_uav.engine.free import told_numbers
 from desim_uav.errors import StateError
-from desim_uav.model.rows import Queue, Table, held_by, is_row, origin_of
 from desim_uav.model.state import Snapshot
+from desim_uav.rowcode.rows import Queue, Table, held_by, is_row, origin_of
 from desim_uav.rules.rows import Drone, State
 from desim_uav.rules.words import AIMS
 from desim_uav.sample_path import SamplePath

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.free import set_course, set_memory
-from desim_uav.model.rows import Queue, Table, blank
+from desim_uav.rowcode.rows import Queue, Table, blank
 from desim_uav.rules import rows, words
 from desim_uav.rules.separation import MOST_TURNS
 from desim_uav.world import World

@@ -9,7 +9,7 @@ from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import Carried, CarriedDrone
 from desim_uav.env import carried_free
 from desim_uav.env.untrusted import HIGHEST, listed, number, whole
-from desim_uav.model.planner import Node
+from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import Mode, move_of
 from desim_uav.world import World
 

@@ -17,8 +17,8 @@ from desim_uav.engine.episode import Engine
 from desim_uav.env.free import aims_of, apart
 from desim_uav.env.session import Session, info_keys, out_of_range, real_numbers, whole_numbers
 from desim_uav.env.tasks import Tasks
-from desim_uav.model.rows import Words
 from desim_uav.model.state import Snapshot
+from desim_uav.rowcode.rows import Words
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.spaces import features
 from desim_uav.world import World

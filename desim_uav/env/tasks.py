@@ -13,9 +13,8 @@ from desim_uav.copies import Unchanging
 from desim_uav.engine.constants import term_names
 from desim_uav.env.arguments import typed
 from desim_uav.env.configure import Source, WorldSeed, configured
-from desim_uav.errors import ScenarioError
-from desim_uav.model.streams import Purpose, uniforms_of
-from desim_uav.registry import did_you_mean
+from desim_uav.errors import ScenarioError, did_you_mean
+from desim_uav.model.random.streams import Purpose, uniforms_of
 from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import features_of
 from desim_uav.world import World, build_world

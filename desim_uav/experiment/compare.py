@@ -19,16 +19,15 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from desim_uav.engine.choose import check_engine
-from desim_uav.errors import UsageError
+from desim_uav.errors import UsageError, did_you_mean
 from desim_uav.escaped import csv_cell
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
-from desim_uav.model.streams import Purpose, Streams
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, policy_name
-from desim_uav.registry import did_you_mean
 from desim_uav.report import notebook
 from desim_uav.report.text import compared, estimate_cells
 from desim_uav.run_folder import file_place, write_at

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from desim_uav.notices import notice
+from desim_uav.errors import notice
 
 COMPILING = "compiling the engine for the first time; this takes about a minute"
 LINES_EVERY_S = 10.0

@@ -172,8 +172,8 @@ def _kernels() -> Iterator[Finding]:
         return
     from desim_uav.engine.compiled import loop
     from desim_uav.learning import fused
-    from desim_uav.model.crossings import crossings
-    from desim_uav.model.kernels import NOWHERE, cache_folder, compiled_before
+    from desim_uav.model.geometry.crossings import crossings
+    from desim_uav.rowcode.kernels import NOWHERE, cache_folder, compiled_before
 
     asked = os.environ.get("NUMBA_CACHE_DIR")
     if asked and (problem := _unwritable(Path(asked))):

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from desim_uav.experiment.run import headline, run
-from desim_uav.model.battery import in_joules
+from desim_uav.model.energy.battery import in_joules
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, policy_name
 from desim_uav.scenario.schema import Scenario

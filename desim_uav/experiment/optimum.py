@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.experiment.bounds import bounds
-from desim_uav.model.mobility import Static
+from desim_uav.model.mobility.mobility import Static
 from desim_uav.optimum.cover import FairCover, Places, cover, fair_cover, instant_bound
 from desim_uav.optimum.discounted import optimal_return
 from desim_uav.optimum.gain import best_policy, long_run

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from desim_uav.experiment.display import Update, display
-from desim_uav.model.crossings import crossings
-from desim_uav.model.kernels import compiled_before
+from desim_uav.model.geometry.crossings import crossings
 from desim_uav.model.sums import in_order
+from desim_uav.rowcode.kernels import compiled_before
 
 RECENT = 50
 """The number of episodes that a training's bar averages over."""

@@ -15,8 +15,8 @@ from desim_uav.engine.choose import make_engine
 from desim_uav.engine.episode import Engine
 from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.state import Snapshot
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.answers import NoCommandError
 from desim_uav.policies.base import Policy, decide, show
 from desim_uav.records import APART, ENERGY, FLOAT, LINKS

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from desim_uav import qoe
 from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import ClosedRequest, EpisodeLog
-from desim_uav.model.battery import WH_UJ
-from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
+from desim_uav.model.energy.battery import WH_UJ
+from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
 from desim_uav.records import (

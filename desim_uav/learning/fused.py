@@ -17,11 +17,11 @@ from desim_uav.engine.compiled.calls import constants_at, path_at, state_at
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.learning import learner
 from desim_uav.learning.rows import Episode, Lesson, Values
-from desim_uav.model.bounds import owner_of
-from desim_uav.model.compiled_rows import address_of, call, pointer_to
-from desim_uav.model.components import own_kernel, ruled
-from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.observations import row_or_none
+from desim_uav.rowcode.bounds import owner_of
+from desim_uav.rowcode.compiled_rows import address_of, call, pointer_to
+from desim_uav.rowcode.components import own_kernel, ruled
+from desim_uav.rowcode.kernels import kernel, rule, stands_in_for
 from desim_uav.rules.requests import measures
 from desim_uav.rules.words import CRASHED, REMOVES
 

@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from desim_uav.learning.rows import Episode, Learner, value_of
-from desim_uav.model.compiled_rows import call
 from desim_uav.model.decisions import discount_of
-from desim_uav.model.kernels import rule
+from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.kernels import rule
 
 Parameters = tuple[float, float, float]
 """The parameters of an episode: ε, α, and 1 if the next one begins at the drones' starts, or 0."""

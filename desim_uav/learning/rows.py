@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.bounds import require_inside
-from desim_uav.model.compiled_rows import entries_at
-from desim_uav.model.kernels import rule, stands_in_for
-from desim_uav.model.rows import BoundedTable, Row, Table, row
+from desim_uav.rowcode.bounds import BETWEEN, require_inside
+from desim_uav.rowcode.compiled_rows import entries_at
+from desim_uav.rowcode.kernels import rule, stands_in_for
+from desim_uav.rowcode.rows import BoundedTable, Row, Table, row
 
 Place = tuple[int, int, int]
 """A table, a state and an action."""
+
+BETWEEN.add(__name__)
 
 
 @row

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.compiled import BatchSimulation
-from desim_uav.errors import PolicyError, SimulationError, UsageError
+from desim_uav.errors import PolicyError, SimulationError, UsageError, notice
 from desim_uav.learning import fused
 from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.learning.learner import Parameters, forget, play
 from desim_uav.learning.readable import Readable
 from desim_uav.learning.rows import BoundedValues, Episode, Learner, Values, bounded_update
-from desim_uav.model.bounds import naming, owner_of
-from desim_uav.model.components import NOT_COMPILED, cause_of, check_unchanged
+from desim_uav.model.naming import naming
 from desim_uav.model.observations import Feature, common_features, table_row, table_sizes
-from desim_uav.model.rows import Table, View, blank, fill, packed
-from desim_uav.model.streams import Purpose, Streams, uniforms_of
-from desim_uav.notices import notice
+from desim_uav.model.random.streams import Purpose, Streams, uniforms_of
 from desim_uav.registry import naming_plug_ins
+from desim_uav.rowcode.bounds import owner_of
+from desim_uav.rowcode.components import NOT_COMPILED, cause_of, check_unchanged
+from desim_uav.rowcode.rows import Table, View, blank, fill, packed
 from desim_uav.sample_path import at_once, draw, draw_all
 from desim_uav.world import World
 

@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar, Protocol
 
 from annotated_types import Ge, Le
 
-from desim_uav.model.kernels import kernel
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import kernel
 
 
 class Decisions(Protocol):

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from desim_uav.errors import SimulationError
-from desim_uav.model.kernels import rule
 from desim_uav.model.state import Facts, Observation
+from desim_uav.rowcode.kernels import rule
 
 
 class Feature(NamedTuple):

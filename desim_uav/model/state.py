@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.grid import Cell, Grid
+from desim_uav.model.geometry.grid import Cell, Grid
 from desim_uav.model.rules import Mode
 
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from desim_uav.regular_file import content_of
+from desim_uav.rowcode.regular_file import content_of
 
 MAX_BYTES = 256 * 2**20
 

@@ -18,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from desim_uav.model.grid import Cell
+from desim_uav.model.geometry.grid import Cell
 from desim_uav.optimum.footprints import Footprints, flown_to, moves
 from desim_uav.optimum.search import Held, Placement, best_cover, covered, greedy_cover
 from desim_uav.optimum.shares import as_bits, best_shares, undominated

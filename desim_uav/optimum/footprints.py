@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
-from desim_uav.model.coverage import SEEN_ROWS, DroneLeg, Users, look_around
-from desim_uav.model.crossings import crossings
-from desim_uav.model.mobility import Static
-from desim_uav.model.motion import REST, Leg
-from desim_uav.model.planner import Node
-from desim_uav.model.relative import ENTERS, TIME_US, USER
+from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.geometry.crossings import crossings
+from desim_uav.model.geometry.relative import ENTERS, TIME_US, USER
+from desim_uav.model.mobility.mobility import Static
+from desim_uav.model.motion.motion import REST, Leg
+from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.world import World

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
-from desim_uav.model.planner import Node
+from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import Action, Choice, kind_of
 from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.lone_drone import State

@@ -13,8 +13,8 @@ import numpy as np
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import UsageError
-from desim_uav.model.demand import Continuous, requests_of
-from desim_uav.model.planner import Node
+from desim_uav.model.demand.demand import Continuous, requests_of
+from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import Action
 from desim_uav.model.state import Observation
 from desim_uav.rules import words

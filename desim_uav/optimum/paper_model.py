@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from desim_uav.errors import ScenarioError
-from desim_uav.model.motion import cruise_of
+from desim_uav.model.motion.motion import cruise_of
 from desim_uav.model.radio.radio import Disc
 from desim_uav.model.services import Volume
 from desim_uav.scenario.components import described

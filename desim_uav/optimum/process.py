@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from desim_uav.errors import UsageError
-from desim_uav.model.demand import Continuous
-from desim_uav.model.planner import Node
+from desim_uav.model.demand.demand import Continuous
+from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import MOVES, Action, kind_of
 from desim_uav.optimum.footprints import refuse_walks
 from desim_uav.optimum.lone_drone import LoneDrone, State, Step

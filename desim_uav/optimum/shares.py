@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import maker
+from desim_uav.rowcode.kernels import maker
 
 
 def as_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:

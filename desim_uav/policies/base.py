@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from desim_uav import array_file
-from desim_uav.errors import DesimError, PolicyError
+from desim_uav.errors import DesimError, PolicyError, did_you_mean
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.model.streams import Streams
 from desim_uav.policies.answers import commands_of
 from desim_uav.policies.function import Choice, Function
-from desim_uav.registry import FAULTS, did_you_mean, names, resolve, what_failed
+from desim_uav.registry import FAULTS, names, resolve, what_failed
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_table, trained_names
 from desim_uav.typed import typed

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import DECIDES
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.planning.options import Option, options_of
 from desim_uav.registry import register
 from desim_uav.world import World
@@ -91,7 +91,7 @@ class Clairvoyant:
         """Return the users' places at all decision epochs: (steps + 1, users, 2)."""
         import numpy as np
 
-        from desim_uav.model.coverage import all_walked
+        from desim_uav.model.geometry.coverage import all_walked
 
         assert self._ground is not None
         world = self._ground.world

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from desim_uav.errors import PolicyError
+from desim_uav.errors import PolicyError, did_you_mean
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import Action, AtSpeed, fastest_of
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
-from desim_uav.registry import did_you_mean
 from desim_uav.rules.decide import can_take
 from desim_uav.world import World
 

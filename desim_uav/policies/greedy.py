@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.policies.planning.options import Option, options_of
 from desim_uav.registry import register
 from desim_uav.world import World

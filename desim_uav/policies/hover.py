@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import Action
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.registry import register
 from desim_uav.world import World
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from desim_uav import array_file
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, ScenarioError, in_short
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import DECIDES
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.policies.network_file import DEEPEST, are_widths
 from desim_uav.registry import names, register
 from desim_uav.run_folder import world_hash

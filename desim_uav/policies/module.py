@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from desim_uav.errors import PolicyError
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import DECIDES
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.policies.network_file import reason
 from desim_uav.world import World
 

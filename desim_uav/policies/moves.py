@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
-from desim_uav.model.free.legs import reach_along
-from desim_uav.model.free.prisms import first_entry
-from desim_uav.model.free.space import ANY_SPEED
-from desim_uav.model.grid import Cell
+from desim_uav.model.geometry.grid import Cell
+from desim_uav.model.geometry.prisms import first_entry
+from desim_uav.model.motion.legs import reach_along
+from desim_uav.model.motion.space import ANY_SPEED
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import MOVES, US, Action, fastest_of
 from desim_uav.world import World

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.model.streams import Streams
 from desim_uav.policies.base import decide, decide_by, load_policy, policy_name, show
 from desim_uav.policies.planning.options import Option, options_of, split_options
 from desim_uav.registry import register

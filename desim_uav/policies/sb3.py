@@ -21,11 +21,11 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from desim_uav.errors import MissingExtraError, PolicyError, in_short
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.policies.network_file import are_widths, is_bool, is_width, reason
 from desim_uav.registry import register
-from desim_uav.regular_file import opened
+from desim_uav.rowcode.regular_file import opened
 from desim_uav.world import World
 
 LARGEST = {"data": 2**26, "policy.pth": 2**30}

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.drone_type import DroneType
-from desim_uav.errors import PolicyError
+from desim_uav.errors import PolicyError, did_you_mean, notice
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import Action, fastest_of, kind_of
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.model.traces import index, read_table
-from desim_uav.notices import notice
-from desim_uav.registry import did_you_mean, register
+from desim_uav.registry import register
 from desim_uav.rules.decide import can_take
 from desim_uav.world import World
 

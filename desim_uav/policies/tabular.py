@@ -15,9 +15,9 @@ from desim_uav import array_file
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, in_short
 from desim_uav.model.observations import Feature, common_features, table_row, table_sizes
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import DECIDES
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.registry import register
 from desim_uav.run_folder import world_hash
 from desim_uav.shipped import find_table

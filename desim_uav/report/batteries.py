@@ -10,9 +10,9 @@ import pandas as pd
 
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import PolicyError
-from desim_uav.model.battery import Energy
-from desim_uav.model.charging import Charging
-from desim_uav.model.motion import ACCELERATION, START, Transit
+from desim_uav.model.energy.battery import Energy
+from desim_uav.model.energy.charging import Charging
+from desim_uav.model.motion.motion import ACCELERATION, START, Transit
 from desim_uav.model.rules import US
 from desim_uav.report.run import Run
 from desim_uav.report.tracks import Track

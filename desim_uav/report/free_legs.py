@@ -12,12 +12,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 from desim_uav.drone_type import DroneType
-from desim_uav.model.battery import Energy
-from desim_uav.model.free.flight import chosen_mps, no_faster
-from desim_uav.model.free.legs import Bounds, FreeLeg, commanded, direction, leg_between
-from desim_uav.model.free.limits import CALM, Limits, Wind
-from desim_uav.model.free.space import ANY_SPEED, NO_CHOICE, flight_of
-from desim_uav.model.motion import Transit, fastest
+from desim_uav.model.energy.battery import Energy
+from desim_uav.model.motion.flight import chosen_mps, no_faster
+from desim_uav.model.motion.legs import Bounds, FreeLeg, commanded, direction, leg_between
+from desim_uav.model.motion.limits import CALM, Limits, Wind
+from desim_uav.model.motion.motion import Transit, fastest
+from desim_uav.model.motion.space import ANY_SPEED, NO_CHOICE, flight_of
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import US
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError
-from desim_uav.regular_file import text_of
+from desim_uav.rowcode.regular_file import text_of
 
 MOST_BYTES = 2**28
 """The largest JSON file of a run folder that is read; a world of a million users has 60 MB."""

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from desim_uav.model.battery import WH_UJ
+from desim_uav.model.energy.battery import WH_UJ
 from desim_uav.model.rules import US
 from desim_uav.world import World
 

@@ -10,9 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from desim_uav.model.free.space import flight_of
-from desim_uav.model.grid import Grid
-from desim_uav.model.motion import (
+from desim_uav.model.geometry.grid import Grid
+from desim_uav.model.motion.motion import (
     ACCELERATION,
     DISTANCE,
     REST,
@@ -22,9 +21,10 @@ from desim_uav.model.motion import (
     Transit,
     flown_transit,
 )
+from desim_uav.model.motion.space import flight_of
+from desim_uav.model.motion.wind import flown_along, motion_in, way_between
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
-from desim_uav.model.wind import flown_along, motion_in, way_between
 from desim_uav.report.run import Run
 
 Ints = NDArray[np.int64]

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from desim_uav.model.grid import Grid
+from desim_uav.model.geometry.grid import Grid
 from desim_uav.report.json_file import Form, read_json
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World

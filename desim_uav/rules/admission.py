@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from desim_uav.model.admission import RowAdmission
-from desim_uav.model.kernels import rule
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.service import close, fits, serve
 from desim_uav.rules.words import ON_REFUSE, OVERBOOKED

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rule
 from desim_uav.model.radio.scene import (
     BAND,
     BAND_NOISE_DBM,
@@ -27,6 +26,7 @@ from desim_uav.model.radio.scene import (
     Z0,
     Z1,
 )
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Constants, Drone, State
 from desim_uav.rules.words import OWN

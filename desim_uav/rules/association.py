@@ -10,8 +10,8 @@ as equal (``model.radio.links.EQUAL_DB``).
 
 from __future__ import annotations
 
-from desim_uav.model.compiled_rows import call_for_int
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rowcode.compiled_rows import call_for_int
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.attachment import attach, detach
 from desim_uav.rules.due import association_slot, due, key, undo

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rule
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.links import count_handover, unsettle
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, State, User

@@ -5,8 +5,8 @@ A charge is a whole number, of microseconds of autonomy or, by some energy model
 
 from __future__ import annotations
 
-from desim_uav.model.compiled_rows import call, call_for_int
-from desim_uav.model.kernels import rule
+from desim_uav.rowcode.compiled_rows import call, call_for_int
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.due import depletion_slot, due, key, undo
 from desim_uav.rules.rows import Constants, Drone, State, TypeRow
 from desim_uav.rules.transits import flight_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode, until_full_us
 from desim_uav.rules.coverage import silence

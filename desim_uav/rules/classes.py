@@ -5,8 +5,8 @@ A user for whom the class of a drone's link is at least 1 is in the footprint of
 
 from __future__ import annotations
 
-from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.attachment import detach
 from desim_uav.rules.credit import credit_entry, credit_exit
 from desim_uav.rules.due import crossing_slot, due, key, undo

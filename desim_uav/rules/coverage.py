@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.classes import await_next, change_class, foresee, leave
 from desim_uav.rules.due import crossing_slot, undo
 from desim_uav.rules.rows import Constants, Drone, Path, State

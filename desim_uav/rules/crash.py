@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from desim_uav.model.grid import cell_index
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.model.geometry.grid import cell_index
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode, type_of
 from desim_uav.rules.coverage import silence

@@ -8,7 +8,7 @@ their number times now. All of this is counted only if ``state.keeps_credit``.
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.battery import count_charge
 from desim_uav.rules.rows import Drone, State, User
 

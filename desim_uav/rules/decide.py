@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.model.rules import Choice, Mode
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import (
     battery_now,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.kernels import rule
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.rows import State
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import begin_count, count_charge
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import type_of
 from desim_uav.rules.due import key, run_until

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from desim_uav.model.compiled_rows import call, call_for_int
-from desim_uav.model.grid import cell_index, level_index
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.model.geometry.grid import cell_index, level_index
 from desim_uav.model.rules import US
+from desim_uav.rowcode.compiled_rows import call, call_for_int
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode, foresee_depletion, is_limited, refill, type_of
 from desim_uav.rules.coverage import silence, track
@@ -345,7 +345,7 @@ def _next_hop(world: Constants, state: State, drone: Drone, phase: int) -> None:
 
 @rule
 def _direction(hop: Hop) -> int:
-    """Return the number of a hop among ``model.planner.HOPS``."""
+    """Return the number of a hop among ``model.motion.planner.HOPS``."""
     axis = 0 if hop.dx != 0 else 1 if hop.dy != 0 else 2
     return 2 * axis + (1 if hop.dx + hop.dy + hop.dlevel < 0 else 0)
 

@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_rows import call_for_int
-from desim_uav.model.free.flight import chosen_mps, no_faster, step_leg
-from desim_uav.model.free.legs import Bounds, FreeLeg, direction, leg_between
-from desim_uav.model.free.limits import Limits, Wind, wind_along
-from desim_uav.model.free.prisms import Prisms, first_entry
-from desim_uav.model.free.roads import way_home
-from desim_uav.model.free.space import Ways
-from desim_uav.model.grid import cell_index, level_index
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.model.geometry.grid import cell_index, level_index
+from desim_uav.model.geometry.prisms import Prisms, first_entry
+from desim_uav.model.geometry.roads import way_home
+from desim_uav.model.motion.flight import chosen_mps, no_faster, step_leg
+from desim_uav.model.motion.legs import Bounds, FreeLeg, direction, leg_between
+from desim_uav.model.motion.limits import Limits, Wind, wind_along
+from desim_uav.model.motion.space import Ways
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import US
+from desim_uav.rowcode.compiled_rows import call_for_int
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import is_limited, type_of
 from desim_uav.rules.coverage import silence
@@ -93,7 +93,7 @@ def bounds_of(world: Constants, drone: Drone) -> Bounds:
 
 @rule
 def write_flight(flight: TransitRow, leg: FreeLeg, wind: Wind) -> None:
-    """Write a leg in wind as a transit, with the numbers of ``model.motion.write_trapezoid``."""
+    """Write a leg in wind as a transit, with the numbers of ``motion.write_trapezoid``."""
     flight.duration_us, flight.distance_m = leg.duration_us, float(leg.distance_m)
     flight.rises = flight.tail_mps = flight.side_mps = 0.0
     if leg.distance_m > 0.0:

@@ -5,7 +5,7 @@ They are kept only if the drones' radio has classes of links (``state.keeps_link
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rare_rule
+from desim_uav.rowcode.kernels import rare_rule
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Drone, State, User
 from desim_uav.rules.words import NEVER, ON_HANDOVER, ON_OUTAGE, ON_OUTAGE_END, ON_PING_PONG

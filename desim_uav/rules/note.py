@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.transits import flight_of
 from desim_uav.rules.words import ON_LEG, REST

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from desim_uav.model.grid import cell_index
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.model.geometry.grid import cell_index
 from desim_uav.model.observations import Feature, RowObservation
-from desim_uav.model.rows import Table
 from desim_uav.model.rules import US
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.rows import Table
 from desim_uav.rules.battery import capacity_of, is_limited, per_second_of
 from desim_uav.rules.flight import position, way_back
 from desim_uav.rules.rows import Constants, Drone, Observation, State

@@ -6,7 +6,7 @@ of its own then computes the next step.
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rare_rule
+from desim_uav.rowcode.kernels import rare_rule
 from desim_uav.rules import words
 from desim_uav.rules.coverage import track
 from desim_uav.rules.due import due, key, renewal_slot

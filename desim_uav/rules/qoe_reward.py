@@ -7,10 +7,10 @@ from typing import Annotated, ClassVar
 
 from annotated_types import Ge, Le
 
-from desim_uav.model.kernels import rule
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import US
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.battery import is_limited, per_second_of
 from desim_uav.rules.rewards import Weight
 from desim_uav.rules.rows import Constants, Drone, State

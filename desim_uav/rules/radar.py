@@ -7,10 +7,10 @@ from typing import Annotated, NamedTuple
 
 from annotated_types import Ge, Gt, Le
 
-from desim_uav.model.kernels import rule
 from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.battery import is_limited
 from desim_uav.rules.note import place
 from desim_uav.rules.observations import Local, clear_from, write_local

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rule
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules import words
 from desim_uav.rules.credit import served_share
 from desim_uav.rules.note import note

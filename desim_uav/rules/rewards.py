@@ -8,10 +8,10 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
-from desim_uav.model.kernels import rule
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import US
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.flight import way_back
 from desim_uav.rules.rows import Constants, Drone, Observation, State

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from desim_uav.model.free.legs import Route
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.model.motion.legs import Route
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.due import due, key, separation_slot
 from desim_uav.rules.flight import heights_of, way_of

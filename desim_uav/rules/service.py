@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rare_rule, rule
-from desim_uav.model.rows import Queue
+from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.rows import Queue
 from desim_uav.rules import words
 from desim_uav.rules.credit import credit_service, served_share
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo

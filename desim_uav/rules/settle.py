@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.association import settle_levels
 from desim_uav.rules.attachment import attach, entered_first
 from desim_uav.rules.battery import type_of

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from desim_uav.model.kernels import rule
 from desim_uav.model.sharing import RowSharing
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.rows import Constants, Drone, State
 from desim_uav.rules.service import MILLION, efficiency_of, give_share, needed_hz, rate_bps
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.grid import cell_index
-from desim_uav.model.kernels import rule
+from desim_uav.model.geometry.grid import cell_index
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.requests import doing, done_share
 from desim_uav.rules.rows import Constants, Path, Spot, State, User
 from desim_uav.rules.words import OPEN

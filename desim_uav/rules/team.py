@@ -7,11 +7,11 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
-from desim_uav.model.kernels import rule
 from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.observations import Local, clear_from, write_local
 from desim_uav.rules.rows import Constants, Drone, State

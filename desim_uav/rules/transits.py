@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rule
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.rows import Constants, Drone, State, TransitRow
 from desim_uav.rules.words import OWN, REST
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.grid import cell_index
-from desim_uav.model.kernels import rule
+from desim_uav.model.geometry.grid import cell_index
 from desim_uav.model.rules import Mode
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.flight import position

@@ -6,7 +6,7 @@ of all other sums are bounded by what a scenario may have (``engine.compiled.lar
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rule
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.rows import Wide
 
 HALF, WORD = 31, 62

@@ -9,16 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.asking import MOST_BPS, MOST_REQUIRED
-from desim_uav.model.battery import LONGEST_MIN, MOST_CHARGE, in_joules
-from desim_uav.model.grid import Cell, reachable
-from desim_uav.model.motion import cruise_of, return_transit, transits_over
+from desim_uav.errors import did_you_mean
+from desim_uav.model.demand.asking import MOST_BPS, MOST_REQUIRED
+from desim_uav.model.energy.battery import LONGEST_MIN, MOST_CHARGE, in_joules
+from desim_uav.model.geometry.grid import Cell, reachable
+from desim_uav.model.mobility.walking import Area
+from desim_uav.model.motion.motion import cruise_of, return_transit, transits_over
+from desim_uav.model.motion.wind import motion_in
 from desim_uav.model.rules import US
 from desim_uav.model.services import Volume
 from desim_uav.model.sums import in_order
-from desim_uav.model.walking import Area
-from desim_uav.model.wind import motion_in
-from desim_uav.registry import FAULTS, did_you_mean, what_failed
+from desim_uav.registry import FAULTS, what_failed
 from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario import radio_checks
 from desim_uav.scenario.components import place_of_problem

@@ -20,10 +20,11 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema, to_json
 
 from desim_uav import registry
-from desim_uav.model.code_digest import class_digest
-from desim_uav.model.value_text import UndescribedError
+from desim_uav.errors import did_you_mean
 from desim_uav.own_code import digest_of
 from desim_uav.registry import FAULTS, what_failed
+from desim_uav.rowcode.code_digest import class_digest
+from desim_uav.rowcode.value_text import UndescribedError
 from desim_uav.scenario.meanings import with_meanings
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -204,7 +205,7 @@ class NameOrForm:
         if isinstance(value, str) and value in names:
             return value
         if not isinstance(value, list if self._is_list else Mapping):
-            hint = registry.did_you_mean(value, names) if isinstance(value, str) else ""
+            hint = did_you_mean(value, names) if isinstance(value, str) else ""
             allowed = " or ".join([*filter(None, [", ".join(names)]), self.mark.says])
             raise _error(f"must be {allowed}{hint}")
         items = value if self._is_list else []

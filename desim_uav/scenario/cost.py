@@ -15,8 +15,8 @@ import numpy as np
 
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
+from desim_uav.model.mobility.walking import Area
 from desim_uav.model.services import Volume
-from desim_uav.model.walking import Area
 from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.schema import Scenario, flies_freely
 

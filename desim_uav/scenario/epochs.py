@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from desim_uav.model.motion import transits_over
-from desim_uav.model.planner import HOPS
+from desim_uav.model.motion.motion import transits_over
+from desim_uav.model.motion.planner import HOPS
+from desim_uav.model.motion.wind import motion_in
 from desim_uav.model.rules import US
-from desim_uav.model.wind import motion_in
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 from desim_uav.scenario.yaml12 import KeyPath

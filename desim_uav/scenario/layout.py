@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from desim_uav.model.grid import Cell
+from desim_uav.model.geometry.grid import Cell
 from desim_uav.scenario.schema import Scenario
 
 

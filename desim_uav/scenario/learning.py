@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from desim_uav import registry
+from desim_uav.errors import did_you_mean
 from desim_uav.scenario.section import Fraction, Section
 
 ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
@@ -18,7 +18,7 @@ def _algorithm(name: str) -> str:
     if name not in ALGORITHMS and not re.fullmatch(r"[\w.]+:\w+", name):
         ppo = "; PPO is trained by policies/ppo.py of the checkout" if "ppo" in name.lower() else ""
         raise ValueError(
-            f"unknown algorithm{registry.did_you_mean(name, ALGORITHMS)}; "
+            f"unknown algorithm{did_you_mean(name, ALGORITHMS)}; "
             f'allowed: {", ".join(ALGORITHMS)}, or "package.module:Class"{ppo}'
         )
     return name
@@ -77,7 +77,7 @@ def _initial_q(value: Any) -> Any:
     if number and abs(value) <= LARGEST_Q:
         return value
     if value not in INITIAL_Q:
-        near = registry.did_you_mean(value, INITIAL_Q) if isinstance(value, str) else ""
+        near = did_you_mean(value, INITIAL_Q) if isinstance(value, str) else ""
         raise ValueError(f"must be {', '.join(INITIAL_Q)}, or a number from -1e6 to 1e6{near}")
     return value
 

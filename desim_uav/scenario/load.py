@@ -20,7 +20,7 @@ from pydantic import BaseModel, ValidationError
 from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.model.traces import MAX_BYTES as MAX_TABLE_BYTES
 from desim_uav.registry import resolve
-from desim_uav.regular_file import content_of
+from desim_uav.rowcode.regular_file import content_of
 from desim_uav.scenario import yaml12
 from desim_uav.scenario.checks import findings
 from desim_uav.scenario.components import code_of, described, strictly, unchanged

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from desim_uav.registry import NameOr, Part, did_you_mean, names
+from desim_uav.errors import did_you_mean
+from desim_uav.registry import NameOr, Part, names
 from desim_uav.scenario.components import Slot, as_field
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft
 from desim_uav.scenario.schema import (

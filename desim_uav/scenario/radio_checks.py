@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from desim_uav.model.components import over_rows
-from desim_uav.model.demand import Continuous, Trace
+from desim_uav.model.demand.demand import Continuous, Trace
 from desim_uav.model.radio.levels import problem_of_bounds, why_not_compiled
 from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.model.radio.rings import line_of_sight_ring_m, rings
 from desim_uav.model.services import Volume
 from desim_uav.registry import FAULTS, what_failed
+from desim_uav.rowcode.components import over_rows
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 from desim_uav.scenario.yaml12 import KeyPath
@@ -302,7 +302,7 @@ def _links(scenario: Scenario) -> Iterator[Links]:
 
 
 def _levels_m(scenario: Scenario) -> tuple[float, float]:
-    """The lowest and the highest level of drones in metres (see ``model.grid.altitudes``)."""
+    """The lowest and the highest level of drones in metres (see ``grid.altitudes``)."""
     levels = scenario.map.levels
     lowest_m = levels.min_altitude_m
     return lowest_m, lowest_m + (scenario.map.most_levels - 1) * levels.step_m

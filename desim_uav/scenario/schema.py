@@ -17,20 +17,19 @@ from pydantic import (
 )
 
 import desim_uav.model
-import desim_uav.model.radio
 import desim_uav.rules
 from desim_uav import registry
 from desim_uav.errors import ScenarioError
 from desim_uav.model.admission import Admission
 from desim_uav.model.association import Association, EnteredFirst
-from desim_uav.model.battery import Endurance, Energy
-from desim_uav.model.charging import Charging, Constant
 from desim_uav.model.decisions import ByClock, Decisions
-from desim_uav.model.demand import Demand, Dynamic
-from desim_uav.model.free.limits import CALM
-from desim_uav.model.free.polygons import MOST_CORNERS, checked
-from desim_uav.model.mobility import Mobility, RandomWalk
-from desim_uav.model.motion import BangCoastBang, Motion
+from desim_uav.model.demand.demand import Demand, Dynamic
+from desim_uav.model.energy.battery import Endurance, Energy
+from desim_uav.model.energy.charging import Charging, Constant
+from desim_uav.model.geometry.polygons import MOST_CORNERS, checked
+from desim_uav.model.mobility.mobility import Mobility, RandomWalk
+from desim_uav.model.motion.limits import CALM
+from desim_uav.model.motion.motion import BangCoastBang, Motion
 from desim_uav.model.observations import Encoding
 from desim_uav.model.radio.radio import Disc, LinkClasses, Radio
 from desim_uav.model.rewards import Reward
@@ -43,8 +42,7 @@ from desim_uav.scenario.learning import PAPER_LEARNING, Learning
 from desim_uav.scenario.section import Fraction, Section
 from desim_uav.scenario.yaml12 import KeyPath
 
-registry.discover(desim_uav.model)
-registry.discover(desim_uav.model.radio)
+registry.discover(desim_uav.model, deep=True)
 registry.discover(desim_uav.rules)
 
 MOTION = Slot("motion", "bang_coast_bang", Motion)
@@ -197,7 +195,7 @@ class Map(Section):
 
     @property
     def most_levels(self) -> int:
-        """The largest number of levels that there can be (see ``model.grid.altitudes``)."""
+        """The largest number of levels that there can be (see ``grid.altitudes``)."""
         lowest_m, step_m = self.levels.min_altitude_m, self.levels.step_m
         if self.dimensions == 2:
             return 1

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from desim_uav.model.battery import in_joules, time_of_hover_problems
-from desim_uav.model.free.limits import CALM, Wind
-from desim_uav.model.wind import motion_in
+from desim_uav.model.energy.battery import in_joules, time_of_hover_problems
+from desim_uav.model.motion.limits import CALM, Wind
+from desim_uav.model.motion.wind import motion_in
 from desim_uav.registry import FAULTS, what_failed
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Drones, Scenario

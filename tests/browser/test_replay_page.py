@@ -14,9 +14,9 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay.page import write_replay
-from desim_uav.model.motion import travelled
+from desim_uav.model.motion.motion import travelled
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import US, Phase
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.palette import DRONES, USERS
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import decide

@@ -17,8 +17,8 @@ from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
 from desim_uav.model.admission import Waiting
-from desim_uav.model.demand import Requests
-from desim_uav.model.mobility import Walks
+from desim_uav.model.demand.demand import Requests
+from desim_uav.model.mobility.mobility import Walks
 from desim_uav.model.rules import MOVES, Action, Phase, kind_of
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath

@@ -16,8 +16,8 @@ from annotated_types import Ge, Le
 
 from desim_uav.errors import ScenarioError
 from desim_uav.model.admission import RowAdmission
-from desim_uav.model.battery import Endurance
-from desim_uav.model.motion import Transit
+from desim_uav.model.energy.battery import Endurance
+from desim_uav.model.motion.motion import Transit
 from desim_uav.model.rules import US
 from desim_uav.rules.admission import admit
 from desim_uav.rules.service import fits

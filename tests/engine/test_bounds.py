@@ -15,8 +15,9 @@ from desim_uav.engine.des import Simulation
 from desim_uav.env import UavVectorEnv
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.learning.training import Training
-from desim_uav.model import asking, walking
-from desim_uav.model.bounds import CHECKED, OutsideError
+from desim_uav.model.demand import asking
+from desim_uav.model.mobility import walking
+from desim_uav.rowcode.bounds import CHECKED, OutsideError
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

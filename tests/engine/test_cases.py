@@ -16,9 +16,9 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment.run import decide, run_settings
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Action, Mode
 from desim_uav.model.state import Snapshot
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load

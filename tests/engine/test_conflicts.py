@@ -36,7 +36,7 @@ from tests.engine.helpers import (
     some_command,
     strip,
 )
-from tests.model.free.test_energy_of_legs import space_of
+from tests.model.energy.test_energy_of_legs import space_of
 from tests.selection import by_default
 from tests.verification.engines import differences, engines
 

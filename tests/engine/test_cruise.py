@@ -15,7 +15,7 @@ from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.experiment import tables
 from desim_uav.experiment.run import play
 from desim_uav.learning.training import Training
-from desim_uav.model.battery import Endurance
+from desim_uav.model.energy.battery import Endurance
 from desim_uav.model.rules import Action, AtSpeed, Mode, fastest_of, kind_of, move_of
 from desim_uav.policies.planning.ground import ground_of
 from desim_uav.report.tracks import Track

@@ -16,7 +16,7 @@ from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment import tables
 from desim_uav.experiment.run import play
-from desim_uav.model.free.limits import Limits
+from desim_uav.model.motion.limits import Limits
 from desim_uav.model.rules import Mode
 from desim_uav.report.tracks import Track
 from desim_uav.sample_path import draw
@@ -35,7 +35,7 @@ from tests.engine.helpers import (
 )
 from tests.engine.random_free import choosing
 from tests.engine.replay import check_log
-from tests.model.free.test_energy_of_legs import along, space_of
+from tests.model.energy.test_energy_of_legs import along, space_of
 from tests.reference.energy import Rotor
 from tests.reference.flight import filling
 from tests.selection import by_default

@@ -28,7 +28,7 @@ from tests.engine.helpers import (
 from tests.engine.random_free import world_of
 from tests.engine.random_radio import audited
 from tests.engine.replay import check_log
-from tests.model.free.maps import distances
+from tests.model.geometry.maps import distances
 from tests.selection import by_default
 from tests.verification.engines import differences, engines
 

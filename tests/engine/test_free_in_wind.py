@@ -1,6 +1,6 @@
 """Free flight in wind with batteries of energy: times, energy and depletion, against a sampler.
 
-The sampler is that of ``tests/model/free/test_energy_of_legs.py``.
+The sampler is that of ``tests/model/energy/test_energy_of_legs.py``.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import pytest
 
 from desim_uav.engine.base import EpisodeLog, FlownLeg, RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.model.battery import in_joules
-from desim_uav.model.free.limits import Limits
+from desim_uav.model.energy.battery import in_joules
+from desim_uav.model.motion.limits import Limits
 from desim_uav.model.rules import Mode
 from desim_uav.sample_path import draw
 from desim_uav.world import World
 from tests.engine.helpers import US, Flight, in_3d, path_of, seen, some_command, strip
 from tests.engine.random_free import world_of
 from tests.engine.replay import check_log
-from tests.model.free.test_energy_of_legs import along, space_of
+from tests.model.energy.test_energy_of_legs import along, space_of
 from tests.reference.energy import Rotor
 from tests.reference.free import Space
 from tests.selection import by_default

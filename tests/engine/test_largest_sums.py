@@ -16,13 +16,13 @@ from desim_uav.engine.compiled.largest_sums import LARGEST, sums_of
 from desim_uav.engine.compiled.pack import lacking
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.experiment import tables
-from desim_uav.model import walking
-from desim_uav.model.asking import Requests, RowDemand
-from desim_uav.model.battery import MOST_CHARGE, RowEnergy
-from desim_uav.model.compiled_rows import pointer_to
-from desim_uav.model.kernels import kernel
-from desim_uav.model.rows import Table, View, blank, packed
+from desim_uav.model.demand.asking import Requests, RowDemand
+from desim_uav.model.energy.battery import MOST_CHARGE, RowEnergy
+from desim_uav.model.mobility import walking
 from desim_uav.model.rules import US
+from desim_uav.rowcode.compiled_rows import pointer_to
+from desim_uav.rowcode.kernels import kernel
+from desim_uav.rowcode.rows import Table, View, blank, packed
 from desim_uav.rules import requests, wide
 from desim_uav.rules.qoe_reward import fair_times
 from desim_uav.rules.rows import Constants, State, User, Wide

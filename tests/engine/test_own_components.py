@@ -19,7 +19,7 @@ from desim_uav.env import UavEnv, UavVectorEnv
 from desim_uav.errors import SimulationError
 from desim_uav.learning.training import Training
 from desim_uav.model.admission import RowAdmission
-from desim_uav.model.battery import Endurance
+from desim_uav.model.energy.battery import Endurance
 from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.radio.functions import log10, slant_range_m
 from desim_uav.model.radio.path_loss import RowPathLoss

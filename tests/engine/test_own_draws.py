@@ -17,18 +17,20 @@ from desim_uav.engine.des import Simulation
 from desim_uav.env import UavEnv, UavVectorEnv
 from desim_uav.errors import SimulationError
 from desim_uav.learning.training import Training
-from desim_uav.model import components, demand, mobility
-from desim_uav.model.day_profile import DayProfile
-from desim_uav.model.gauss_markov import GaussMarkov
-from desim_uav.model.group import Group
-from desim_uav.model.levy import Levy
-from desim_uav.model.manhattan import Manhattan
-from desim_uav.model.mobility import Area
-from desim_uav.model.random_waypoint import RandomWaypoint
-from desim_uav.model.rows import blank, held_by
+from desim_uav.model.demand import demand
+from desim_uav.model.demand.day_profile import DayProfile
+from desim_uav.model.mobility import mobility
+from desim_uav.model.mobility.gauss_markov import GaussMarkov
+from desim_uav.model.mobility.group import Group
+from desim_uav.model.mobility.levy import Levy
+from desim_uav.model.mobility.manhattan import Manhattan
+from desim_uav.model.mobility.mobility import Area
+from desim_uav.model.mobility.random_waypoint import RandomWaypoint
+from desim_uav.model.mobility.walking import from_here, go_on, go_to, stay, walking_of
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.services import PAPER, catalogue
-from desim_uav.model.streams import Purpose, Streams
-from desim_uav.model.walking import from_here, go_on, go_to, stay, walking_of
+from desim_uav.rowcode import components
+from desim_uav.rowcode.rows import blank, held_by
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

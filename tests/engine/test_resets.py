@@ -10,7 +10,7 @@ import pytest
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.engine.compiled.pack import lacking
-from desim_uav.model.rows import held_by, is_row
+from desim_uav.rowcode.rows import held_by, is_row
 from desim_uav.rules.rows import Course, Drone, State
 from desim_uav.rules.words import REST
 from desim_uav.sample_path import draw

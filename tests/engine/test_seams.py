@@ -9,8 +9,8 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.experiment.run import play
-from desim_uav.model.battery import Endurance
-from desim_uav.model.motion import REST
+from desim_uav.model.energy.battery import Endurance
+from desim_uav.model.motion.motion import REST
 from desim_uav.policies import load_policy
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load

@@ -11,7 +11,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation, standing
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.des.crossings import Changes
-from desim_uav.model.mobility import Walks
+from desim_uav.model.mobility.mobility import Walks
 from desim_uav.model.rules import MOVES
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
-from desim_uav.model.coverage import T0_US
-from desim_uav.model.mobility import RandomWalk, Static
+from desim_uav.model.geometry.coverage import T0_US
+from desim_uav.model.mobility.mobility import RandomWalk, Static
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world

@@ -15,15 +15,15 @@ from desim_uav.engine.audit import audit
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError
-from desim_uav.model.motion import REST, Transit
-from desim_uav.model.propulsion.rotary_wing import ROTORS, powers_of
+from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, powers_of
+from desim_uav.model.motion.motion import REST, Transit
 from desim_uav.model.rules import Action
 from desim_uav.report.figures.energy import legs_j
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, loads, scenario_hash
 from desim_uav.world import World, build_world
 from tests.engine.helpers import US, Flight, events, fly, in_3d, path_of, scenarios, seen, strip
-from tests.model.test_propulsion import power_w
+from tests.model.energy.test_propulsion import power_w
 from tests.verification.engines import differences, engines
 
 POWERS = powers_of(ROTORS["zeng2019"])

@@ -14,9 +14,9 @@ import pytest
 
 from desim_uav.env import UavEnv, UavParallelEnv
 from desim_uav.experiment.run import play
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.rules.observations import Position
 from desim_uav.world import World, build_world
 from tests.env.helpers import BRITTLE, log_steps, play_parallel, play_single, some_actions

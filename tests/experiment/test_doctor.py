@@ -13,8 +13,8 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import doctor
 from desim_uav.experiment.doctor import Finding, examine
-from desim_uav.model import kernels
-from desim_uav.model.crossings import crossings
+from desim_uav.model.geometry.crossings import crossings
+from desim_uav.rowcode import kernels
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

@@ -139,7 +139,7 @@ class TestBranches:
 
     def test_states_of_policies(self):
         world = du.build_world(du.load("case8"), 0)
-        from desim_uav.model.streams import Purpose, Streams
+        from desim_uav.model.random.streams import Purpose, Streams
 
         for cls in (Random, Baseline):
             one, other = cls(), cls()

@@ -24,7 +24,7 @@ from types import SimpleNamespace
 
 import numba
 
-from desim_uav.model.mobility import Static
+from desim_uav.model.mobility.mobility import Static
 from desim_uav.rules.rewards import Coverage
 from desim_uav.policies.hover import Hover
 

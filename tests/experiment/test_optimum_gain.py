@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, UsageError
-from desim_uav.model.battery import Endurance
+from desim_uav.model.energy.battery import Endurance
 from desim_uav.model.rules import Action
 from desim_uav.optimum.gain import _chain, best_policy, long_run
 from desim_uav.optimum.graph import explore, unlimited

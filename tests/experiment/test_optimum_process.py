@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from desim_uav.engine.base import CarriedDrone, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, UsageError
-from desim_uav.model.battery import Endurance
+from desim_uav.model.energy.battery import Endurance
 from desim_uav.model.rules import Action, Mode
 from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.process import DroneProcess

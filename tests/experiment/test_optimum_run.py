@@ -11,8 +11,8 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import UsageError
 from desim_uav.experiment.evaluate import evaluate
-from desim_uav.model.battery import Endurance
-from desim_uav.model.mobility import RandomWalk
+from desim_uav.model.energy.battery import Endurance
+from desim_uav.model.mobility.mobility import RandomWalk
 from desim_uav.model.rules import MOVES
 from desim_uav.optimum.run.alone import ANYWHERE, best_alone, follow, pay_legs
 from desim_uav.optimum.run.bound import Run

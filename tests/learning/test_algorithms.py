@@ -10,8 +10,8 @@ from desim_uav.learning.learner import epsilon_greedy
 from desim_uav.learning.q_learning import QLearning
 from desim_uav.learning.rows import Learner, Lesson, Values
 from desim_uav.learning.sarsa import Sarsa
-from desim_uav.model.rows import blank, fill
 from desim_uav.registry import names, resolve
+from desim_uav.rowcode.rows import blank, fill
 from desim_uav.scenario.learning import ALGORITHMS
 
 ALPHA, GAINED, DISCOUNT, EPSILON = 0.5, 2.0, 0.9, 0.2

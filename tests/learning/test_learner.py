@@ -11,7 +11,7 @@ from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.learner import act, close, conclude, forget, gain
 from desim_uav.learning.q_learning import QLearning
 from desim_uav.learning.rows import Episode, Learner, Values
-from desim_uav.model.rows import blank, fill
+from desim_uav.rowcode.rows import blank, fill
 
 GAMMA = 0.9
 BOTH, ONE = (True, True), (True, False)

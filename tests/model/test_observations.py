@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, SimulationError
-from desim_uav.model.grid import Grid
+from desim_uav.model.geometry.grid import Grid
 from desim_uav.model.observations import Encoding, Feature, RowObservation, table_row
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Facts, Observation

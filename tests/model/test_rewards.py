@@ -11,7 +11,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from desim_uav.errors import ScenarioError
-from desim_uav.model.grid import Grid
+from desim_uav.model.geometry.grid import Grid
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.state import Facts, Observation
 from desim_uav.rules import rewards as rules

@@ -4,7 +4,6 @@ import itertools
 
 import pytest
 
-from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import (
     AIRBORNE,
     MOVES,
@@ -14,6 +13,7 @@ from desim_uav.model.rules import (
     Phase,
     actions,
 )
+from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules.decide import mask, taken
 from desim_uav.rules.rows import Constants, Drone, Move, State
 

@@ -14,11 +14,11 @@ from desim_uav.engine.audit_sight import draws_of
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment.run import play
-from desim_uav.model.philox import key_of
 from desim_uav.model.radio.draws import KEY_WORDS, UNSEEN, draws_of_link, imagined_links
 from desim_uav.model.radio.radio import LinkClasses, Shadowing
+from desim_uav.model.random.philox import key_of
+from desim_uav.model.random.streams import Purpose
 from desim_uav.model.rules import Action
-from desim_uav.model.streams import Purpose
 from desim_uav.policies.hover import Hover
 from desim_uav.policies.planning.future import imagined
 from desim_uav.policies.planning.inner import InnerEngine

@@ -15,9 +15,9 @@ from desim_uav.errors import DesimError, PolicyError, ScenarioError, SimulationE
 from desim_uav.experiment import tables
 from desim_uav.experiment.run import play
 from desim_uav.learning.training import Training
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Action
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike

@@ -13,7 +13,7 @@ import pytest
 import desim_uav as du
 from desim_uav import array_file
 from desim_uav.errors import PolicyError
-from desim_uav.model.streams import Purpose, Streams
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import parts
 from desim_uav.policies.mlp import Mlp, MlpFile, description_of, scaling_of

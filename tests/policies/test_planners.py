@@ -14,9 +14,9 @@ from desim_uav.errors import PolicyError
 from desim_uav.experiment.command import label_of
 from desim_uav.experiment.run import headline, play, run
 from desim_uav.experiment.sweep.plan import policy_digest
-from desim_uav.model.coverage import all_walked
+from desim_uav.model.geometry.coverage import all_walked
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Mode
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import as_seen, file_of
 from desim_uav.policies.clairvoyant import Clairvoyant

@@ -15,9 +15,9 @@ from desim_uav.engine.base import EpisodeLog
 from desim_uav.errors import PolicyError, SimulationError
 from desim_uav.experiment.command import label_of
 from desim_uav.experiment.run import play, run
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Action, Mode
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import file_of, parts
 from desim_uav.policies.baseline import ring

@@ -24,7 +24,7 @@ from desim_uav.env import UavEnv, UavParallelEnv
 from desim_uav.env.configure import configured
 from desim_uav.errors import MissingExtraError, PolicyError
 from desim_uav.experiment.run import headline, play, run
-from desim_uav.model.streams import Purpose, Streams
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy, sb3
 from desim_uav.policies.base import decide, file_of
 from desim_uav.world import World, build_world

@@ -11,7 +11,7 @@ import pytest
 from desim_uav.env import UavEnv
 from desim_uav.env.configure import configured
 from desim_uav.experiment.run import play
-from desim_uav.model.streams import Purpose, Streams
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import decide
 from desim_uav.world import build_world

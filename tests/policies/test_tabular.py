@@ -14,8 +14,8 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.train.course import train
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Mode
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import decide
 from desim_uav.policies.tabular import Greedy, QTable, read_table

@@ -9,8 +9,8 @@ import pytest
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.run import run_settings
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import US, Mode, Phase
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import decide
 from desim_uav.report.playback import Playback

@@ -19,7 +19,7 @@ from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay.again import played_again
 from desim_uav.experiment.replay.page import write_replay
-from desim_uav.model.charging import Constant, Swap, Tapered
+from desim_uav.model.energy.charging import Constant, Swap, Tapered
 from desim_uav.report.batteries import battery_knots
 from desim_uav.report.replay.columns import codes, delta, floats, pack, plain, unpack
 from desim_uav.report.replay.data import KINDS, TAKING, Encoder

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from annotated_types import Gt
 
-from desim_uav.model.mobility import Static, Walks
+from desim_uav.model.mobility.mobility import Static, Walks
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from desim_uav.engine.compiled.pack import lacking
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment.command import prepare
 from desim_uav.experiment.run import run
-from desim_uav.model.coverage import MOST_BUCKETS, bucket_grid
+from desim_uav.model.geometry.coverage import MOST_BUCKETS, bucket_grid
 from desim_uav.policies import load_policy
 from desim_uav.sample_path import draw
 from desim_uav.scenario import cost as costs

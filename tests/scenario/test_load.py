@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from desim_uav import shipped
 from desim_uav.errors import ScenarioError, UsageError
-from desim_uav.model.battery import Endurance
-from desim_uav.model.demand import Dynamic, Poisson
-from desim_uav.model.mobility import RandomWalk
-from desim_uav.model.motion import BangCoastBang
+from desim_uav.model.demand.demand import Dynamic, Poisson
+from desim_uav.model.energy.battery import Endurance
+from desim_uav.model.mobility.mobility import RandomWalk
+from desim_uav.model.motion.motion import BangCoastBang
 from desim_uav.model.services import PAPER
 from desim_uav.rules.observations import Position
 from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from desim_uav.model.coverage import SEEN_ROWS, DroneLeg, Users, look_around
-from desim_uav.model.crossings import crossings
-from desim_uav.model.motion import REST, BangCoastBang
+from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.geometry.crossings import crossings
+from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.rules import US
 from tests.model.sampler import Flight, Pair, Walk, look
 from tests.verification.figure import Exact, Figure

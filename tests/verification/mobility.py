@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from scipy import integrate
 
-from desim_uav.model.day_profile import DayProfile
-from desim_uav.model.gauss_markov import GaussMarkov
-from desim_uav.model.group import Group
-from desim_uav.model.levy import Levy
-from desim_uav.model.manhattan import Manhattan
-from desim_uav.model.random_waypoint import RandomWaypoint
+from desim_uav.model.demand.day_profile import DayProfile
+from desim_uav.model.mobility.gauss_markov import GaussMarkov
+from desim_uav.model.mobility.group import Group
+from desim_uav.model.mobility.levy import Levy
+from desim_uav.model.mobility.manhattan import Manhattan
+from desim_uav.model.mobility.random_waypoint import RandomWaypoint
 from tests.verification.demand import DUE, US, ask
 from tests.verification.figure import Estimate, Figure
 from tests.verification.walked import (

@@ -9,8 +9,8 @@ from functools import cache
 import networkx as nx
 import numpy as np
 
-from desim_uav.model.grid import Grid, altitudes
-from desim_uav.model.planner import Planner
+from desim_uav.model.geometry.grid import Grid, altitudes
+from desim_uav.model.motion.planner import Planner
 from tests.verification.figure import Exact, Figure
 
 HOPS = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.streams import Purpose, Streams, uniforms
+from desim_uav.model.random.streams import Purpose, Streams, uniforms
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import loads
 from desim_uav.world import World, build_world

@@ -8,7 +8,7 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 
-from desim_uav.model.motion import SPEED, START, BangCoastBang, Transit
+from desim_uav.model.motion.motion import SPEED, START, BangCoastBang, Transit
 from tests.verification.figure import Exact, Figure
 
 FILL = BangCoastBang(8.3, 4.0, "fill_epoch")

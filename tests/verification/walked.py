@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.streams import Purpose, Streams
-from desim_uav.model.walking import Area, Walks
+from desim_uav.model.mobility.walking import Area, Walks
+from desim_uav.model.random.streams import Purpose, Streams
 
 US = 1_000_000
 T0, X, Y, VX, VY = range(5)

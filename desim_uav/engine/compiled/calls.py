@@ -12,7 +12,10 @@ from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP
 from desim_uav.engine.compiled import free, looking, loop, separation
 from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
-from desim_uav.model.compiled_rows import (
+from desim_uav.model.decisions import discount_of
+from desim_uav.model.geometry.coverage import leg_at, walked
+from desim_uav.model.mobility.walking import LEG_COLUMNS
+from desim_uav.rowcode.compiled_rows import (
     address_of,
     as_array,
     call,
@@ -20,10 +23,7 @@ from desim_uav.model.compiled_rows import (
     place_of,
     pointer_to,
 )
-from desim_uav.model.coverage import leg_at, walked
-from desim_uav.model.decisions import discount_of
-from desim_uav.model.kernels import kernel, rare_rule, rule
-from desim_uav.model.walking import LEG_COLUMNS
+from desim_uav.rowcode.kernels import kernel, rare_rule, rule
 from desim_uav.rules import requests
 from desim_uav.rules.coverage import look_anew
 from desim_uav.rules.due import due, nothing_due

@@ -10,10 +10,17 @@ from typing import Any, NamedTuple
 
 from desim_uav.drone_type import DroneType
 from desim_uav.model.admission import RowAdmission
-from desim_uav.model.battery import RowEnergy
-from desim_uav.model.bounds import owner_of
-from desim_uav.model.charging import RowCharging
-from desim_uav.model.components import (
+from desim_uav.model.energy.battery import RowEnergy
+from desim_uav.model.energy.charging import RowCharging
+from desim_uav.model.mobility.walking import WALK, RowMobility
+from desim_uav.model.observations import RowObservation
+from desim_uav.model.radio.levels import BOUNDS, LEVEL
+from desim_uav.model.radio.marks import P_LOS
+from desim_uav.model.radio.path_loss import RowPathLoss
+from desim_uav.model.rewards import RowReward
+from desim_uav.model.sharing import RowSharing
+from desim_uav.rowcode.bounds import owner_of
+from desim_uav.rowcode.components import (
     NOT_COMPILED,
     Compiled,
     Function,
@@ -23,14 +30,7 @@ from desim_uav.model.components import (
     ruled,
     works_on_rows,
 )
-from desim_uav.model.observations import RowObservation
-from desim_uav.model.radio.levels import BOUNDS, LEVEL
-from desim_uav.model.radio.marks import P_LOS
-from desim_uav.model.radio.path_loss import RowPathLoss
-from desim_uav.model.rewards import RowReward
-from desim_uav.model.rows import View
-from desim_uav.model.sharing import RowSharing
-from desim_uav.model.walking import WALK, RowMobility
+from desim_uav.rowcode.rows import View
 from desim_uav.rules.rewards import add_up, clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow
 from desim_uav.world import Links, World

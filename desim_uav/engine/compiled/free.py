@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.compiled_rows import address_of, as_array
-from desim_uav.model.free.limits import Limits
-from desim_uav.model.free.prisms import Prisms
-from desim_uav.model.free.roads import Roads
-from desim_uav.model.free.space import Ways
-from desim_uav.model.kernels import kernel, stands_in_for
+from desim_uav.model.geometry.prisms import Prisms
+from desim_uav.model.geometry.roads import Roads
+from desim_uav.model.motion.limits import Limits
+from desim_uav.model.motion.space import Ways
+from desim_uav.rowcode.compiled_rows import address_of, as_array
+from desim_uav.rowcode.kernels import kernel, stands_in_for
 from desim_uav.rules import free_flight as seam
 from desim_uav.rules.rows import Constants, Drone, State
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from desim_uav.engine.air import MOST_PASSED
 from desim_uav.engine.compiled.looking import CHANGE_COLUMNS, know_walks, sort_last_first
-from desim_uav.model.compiled_rows import as_array, call, set_word
-from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.mobility.walking import LEG_COLUMNS
 from desim_uav.model.radio.air import (
     FOUND,
     FOUND_AT,
@@ -39,7 +38,8 @@ from desim_uav.model.radio.scene import (
 )
 from desim_uav.model.radio.sight import Buffers, Buildings
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
-from desim_uav.model.walking import LEG_COLUMNS
+from desim_uav.rowcode.compiled_rows import as_array, call, set_word
+from desim_uav.rowcode.kernels import kernel, rule
 from desim_uav.rules.air import (
     keeps_rings,
     lacks_marks,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.engine.compiled.standing import recall, stand
-from desim_uav.model.compiled_rows import as_array, call, call_for_int, place_of, set_word
-from desim_uav.model.coverage import (
+from desim_uav.model.geometry.coverage import (
     LEG,
     SEEN_ROWS,
     Buckets,
@@ -17,13 +16,14 @@ from desim_uav.model.coverage import (
     sort_into_buckets,
     walked,
 )
-from desim_uav.model.crossings import crossings, crossings_near
-from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.geometry.crossings import crossings, crossings_near
+from desim_uav.model.geometry.relative import TIME_US, USER
+from desim_uav.model.mobility.walking import LEG_COLUMNS
 from desim_uav.model.radio.between import WINDOW_COLUMNS, Climb, class_changes_between
 from desim_uav.model.radio.fits import TERM_COLUMNS
 from desim_uav.model.radio.nested import CHANGE, class_changes
-from desim_uav.model.relative import TIME_US, USER
-from desim_uav.model.walking import LEG_COLUMNS
+from desim_uav.rowcode.compiled_rows import as_array, call, call_for_int, place_of, set_word
+from desim_uav.rowcode.kernels import kernel, rule, stands_in_for
 from desim_uav.rules import coverage as seam
 from desim_uav.rules import spots
 from desim_uav.rules.flight import way_of

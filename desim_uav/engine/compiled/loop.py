@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
-from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import kernel, rare_rule, rule, stands_in_for
-from desim_uav.model.walking import LEG_COLUMNS
+from desim_uav.model.mobility.walking import LEG_COLUMNS
+from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.kernels import kernel, rare_rule, rule, stands_in_for
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
 from desim_uav.rules.coverage import on_crossing
 from desim_uav.rules.crash import crash

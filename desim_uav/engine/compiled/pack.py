@@ -30,12 +30,12 @@ from desim_uav.engine.constants import constants_of
 from desim_uav.engine.free import space_row
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
-from desim_uav.model.components import compiled
-from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
+from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
+from desim_uav.model.mobility.walking import LEG_COLUMNS, walking_of
 from desim_uav.model.radio.tracks import TRACK_COLUMNS
-from desim_uav.model.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.model.rules import US
-from desim_uav.model.walking import LEG_COLUMNS, walking_of
+from desim_uav.rowcode.components import compiled
+from desim_uav.rowcode.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.rules.due import crossing_slot, slots
 from desim_uav.rules.rows import Constants, Drone, SpaceRow, State, Station
 from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.asking import ManyRequests, Requests
-from desim_uav.model.kernels import kernel
-from desim_uav.model.rows import Words
-from desim_uav.model.rows import place as place_of
-from desim_uav.model.walking import ManyRowWalks, RowWalks, Walks
+from desim_uav.model.demand.asking import ManyRequests, Requests
+from desim_uav.model.mobility.walking import ManyRowWalks, RowWalks, Walks
+from desim_uav.rowcode.kernels import kernel
+from desim_uav.rowcode.rows import Words
+from desim_uav.rowcode.rows import place as place_of
 from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.compiled_rows import as_array
-from desim_uav.model.free.separation import approach, conflicts
-from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.geometry.separation import approach, conflicts
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly
+from desim_uav.rowcode.compiled_rows import as_array
+from desim_uav.rowcode.kernels import kernel, rule, stands_in_for
 from desim_uav.rules import separation as seam
 from desim_uav.rules.rows import Constants, Drone, Pair, State
 from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_registers import either, precedes
-from desim_uav.model.kernels import rule, stands_in_for
+from desim_uav.rowcode.compiled_registers import either, precedes
+from desim_uav.rowcode.kernels import rule, stands_in_for
 from desim_uav.rules import due as seam
 from desim_uav.rules.due import crossing_slot
 from desim_uav.rules.rows import State

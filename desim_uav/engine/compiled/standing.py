@@ -5,13 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_rows import set_word
-from desim_uav.model.coverage import SEEN_ROWS, VX, VY, X0, Y0, DroneLeg, Users, look_around
-from desim_uav.model.kernels import rule
-from desim_uav.model.motion import Transit, cruise_of
+from desim_uav.model.geometry.coverage import (
+    SEEN_ROWS,
+    VX,
+    VY,
+    X0,
+    Y0,
+    DroneLeg,
+    Users,
+    look_around,
+)
+from desim_uav.model.geometry.relative import TIME_US, USER
+from desim_uav.model.motion.motion import Transit, cruise_of
 from desim_uav.model.radio.nested import CHANGE, changes_on
-from desim_uav.model.relative import TIME_US, USER
 from desim_uav.model.rules import Action, kind_of, move_of
+from desim_uav.rowcode.compiled_rows import set_word
+from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.world import World
 

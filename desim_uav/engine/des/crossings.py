@@ -1,4 +1,4 @@
-"""The changes of class on a drone's leg, from ``model.crossings`` and ``model.radio``."""
+"""The changes of class on a drone's leg, from ``model.geometry.crossings`` and ``model.radio``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.air import fits_between, windows_for
-from desim_uav.model.coverage import (
+from desim_uav.model.geometry.coverage import (
     SEEN_ROWS,
     VX,
     VY,
@@ -19,13 +19,13 @@ from desim_uav.model.coverage import (
     look_around,
     sort_into_buckets,
 )
-from desim_uav.model.crossings import crossings_near
-from desim_uav.model.motion import Transit
+from desim_uav.model.geometry.crossings import crossings_near
+from desim_uav.model.geometry.relative import TIME_US, USER
+from desim_uav.model.mobility.walking import Walks
+from desim_uav.model.motion.motion import Transit
 from desim_uav.model.radio.between import Climb, class_changes_between
 from desim_uav.model.radio.nested import CHANGE, changes_on
-from desim_uav.model.relative import TIME_US, USER
-from desim_uav.model.rows import named
-from desim_uav.model.walking import Walks
+from desim_uav.rowcode.rows import named
 from desim_uav.rules import rows
 from desim_uav.world import Links, World
 

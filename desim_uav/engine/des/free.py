@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.motion import Transit
+from desim_uav.model.motion.motion import Transit
 from desim_uav.rules.free_flight import home_leg, look_home, steer
 from desim_uav.world import World
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from desim_uav.engine.air import Room, buildings_of, set_memory, set_room
 from desim_uav.engine.constants import transits_of
+from desim_uav.model.mobility.walking import Walks
 from desim_uav.model.radio.air import (
     FOUND,
     FOUND_AT,
@@ -38,7 +39,6 @@ from desim_uav.model.radio.scene import (
 )
 from desim_uav.model.radio.sight import Buffers
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
-from desim_uav.model.walking import Walks
 from desim_uav.rules.air import (
     lacks_marks,
     needs_marks,

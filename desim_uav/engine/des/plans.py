@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from desim_uav.model.grid import Grid
-from desim_uav.model.planner import Planner, Return
-from desim_uav.model.rows import Table, fill
+from desim_uav.model.geometry.grid import Grid
+from desim_uav.model.motion.planner import Planner, Return
+from desim_uav.rowcode.rows import Table, fill
 from desim_uav.rules.rows import Hop, Plan
 
 NO_WAY = fill(Plan, (-1, -1, -1, 0, 0))

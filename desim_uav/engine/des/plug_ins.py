@@ -9,15 +9,16 @@ from typing import Any
 from desim_uav.engine.constants import transits_of
 from desim_uav.engine.des.free import transit_of
 from desim_uav.model.admission import RowAdmission
-from desim_uav.model.battery import Energy, RowEnergy
-from desim_uav.model.bounds import naming, owner_of
-from desim_uav.model.charging import RowCharging
-from desim_uav.model.components import over_rows, works_on_rows
-from desim_uav.model.motion import Transit
+from desim_uav.model.energy.battery import Energy, RowEnergy
+from desim_uav.model.energy.charging import RowCharging
+from desim_uav.model.motion.motion import Transit
+from desim_uav.model.naming import naming
 from desim_uav.model.observations import RowObservation
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sharing import RowSharing
 from desim_uav.model.sums import in_order
+from desim_uav.rowcode.bounds import owner_of
+from desim_uav.rowcode.components import over_rows, works_on_rows
 from desim_uav.rules.admission import admit, turn_away
 from desim_uav.rules.rewards import add_up, clear_terms, give
 from desim_uav.world import World

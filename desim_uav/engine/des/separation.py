@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from desim_uav.engine.des.free import transit_of
-from desim_uav.model.free.separation import approach, conflicts
-from desim_uav.model.motion import Transit
+from desim_uav.model.geometry.separation import approach, conflicts
+from desim_uav.model.motion.motion import Transit
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly
 from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS, route_of
 from desim_uav.rules.words import OWN

@@ -21,11 +21,11 @@ from desim_uav.engine.des.separation import Separation
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
 from desim_uav.engine.state import Buffers, state_of
-from desim_uav.model.asking import Requests
-from desim_uav.model.coverage import all_walked
-from desim_uav.model.motion import REST as REST_FLIGHT
-from desim_uav.model.rows import Table, blank, bound, fill
+from desim_uav.model.demand.asking import Requests
+from desim_uav.model.geometry.coverage import all_walked
+from desim_uav.model.motion.motion import REST as REST_FLIGHT
 from desim_uav.model.state import Observation, Snapshot
+from desim_uav.rowcode.rows import Table, blank, bound, fill
 from desim_uav.rules.air import keeps_rings
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh

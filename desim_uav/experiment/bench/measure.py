@@ -19,8 +19,8 @@ from desim_uav.experiment.bench.bounds import bound_of
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, Task, Track
 from desim_uav.experiment.evaluate import measures_of
 from desim_uav.experiment.run import Results, counted, headline, run
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import as_seen, decide_by, show
 from desim_uav.scenario.schema import Scenario

@@ -30,8 +30,8 @@ from desim_uav.experiment.bench.tasks import (
     find_task,
     find_track,
 )
-from desim_uav.regular_file import text_of
 from desim_uav.report.json_file import Form, read_json
+from desim_uav.rowcode.regular_file import text_of
 from desim_uav.run_folder import Place
 
 FORMAT, TRAINED_FORMAT = 1, 2

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.env.tasks import WORLDS
-from desim_uav.errors import ScenarioError, UsageError
-from desim_uav.registry import did_you_mean
+from desim_uav.errors import ScenarioError, UsageError, did_you_mean
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import bench_folder

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from desim_uav.errors import UsageError
+from desim_uav.errors import UsageError, did_you_mean
 from desim_uav.experiment.gallery import (
     a3,
     al_hourani,
@@ -22,7 +22,6 @@ from desim_uav.experiment.gallery import (
 )
 from desim_uav.experiment.gallery.row import Row
 from desim_uav.experiment.progress import progress
-from desim_uav.registry import did_you_mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.experiment.gallery.row import Row
-from desim_uav.model.coverage import T0_US, VX, VY, all_walked
-from desim_uav.model.random_waypoint import RandomWaypoint
+from desim_uav.model.geometry.coverage import T0_US, VX, VY, all_walked
+from desim_uav.model.mobility.random_waypoint import RandomWaypoint
+from desim_uav.model.mobility.walking import Area, Start, Walks
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import US
-from desim_uav.model.streams import Purpose, Streams
-from desim_uav.model.walking import Area, Start, Walks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from desim_uav.experiment.gallery.row import Row, evaluated
-from desim_uav.model.fixed_wing import FixedWing
-from desim_uav.model.motion import REST, BangCoastBang
-from desim_uav.model.propulsion.rotary_wing import ROTORS, best_speeds, power_w, powers_of
-from desim_uav.model.rotary_wing import RotaryWing
+from desim_uav.model.energy.fixed_wing import FixedWing
+from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, best_speeds, power_w, powers_of
+from desim_uav.model.energy.rotary_wing import RotaryWing
+from desim_uav.model.motion.motion import REST, BangCoastBang
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

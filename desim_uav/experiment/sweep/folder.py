@@ -21,8 +21,8 @@ from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, Outcome, Row
 from desim_uav.experiment.sweep.plan import Given
-from desim_uav.regular_file import content_of, text_of
 from desim_uav.report.json_file import MOST_BYTES
+from desim_uav.rowcode.regular_file import content_of, text_of
 from desim_uav.run_folder import held, write_whole
 
 if TYPE_CHECKING:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.errors import UsageError
+from desim_uav.errors import UsageError, did_you_mean
 from desim_uav.experiment.evaluate import ENERGY, MEASURES
 from desim_uav.experiment.sweep.results import MOST_KEYS, chosen_keys, content, read_sweep
-from desim_uav.registry import did_you_mean
 from desim_uav.report.text import COMPARED, OF_ENERGY, word
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from desim_uav.errors import PolicyError, UsageError
+from desim_uav.errors import PolicyError, UsageError, did_you_mean
 from desim_uav.experiment.evaluate import ENERGY, MEASURES
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep.folder import (
@@ -21,10 +21,9 @@ from desim_uav.experiment.sweep.folder import (
     read_row,
 )
 from desim_uav.experiment.sweep.job import Row
-from desim_uav.registry import did_you_mean
-from desim_uav.regular_file import text_of
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.report.text import word
+from desim_uav.rowcode.regular_file import text_of
 from desim_uav.run_folder import no_such
 
 MOST_KEYS = 2

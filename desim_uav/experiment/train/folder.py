@@ -9,7 +9,7 @@ from pathlib import Path
 
 from desim_uav import __version__
 from desim_uav.checksums import SUMS, of_contents
-from desim_uav.errors import PolicyError, UsageError
+from desim_uav.errors import PolicyError, UsageError, notice
 from desim_uav.experiment.interrupt import asked_to_stop
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.train.course import (
@@ -23,7 +23,6 @@ from desim_uav.experiment.train.course import (
 )
 from desim_uav.learning import checkpoint
 from desim_uav.learning.training import Training
-from desim_uav.notices import notice
 from desim_uav.records import TRAINING, to_frame
 from desim_uav.run_folder import Place, held, parquet, world_content, write_whole
 from desim_uav.scenario.load import dump, scenario_hash

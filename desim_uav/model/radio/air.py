@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.coverage import T0_US, leg_at, walked
-from desim_uav.model.coverage import VX as WALK_X
-from desim_uav.model.coverage import VY as WALK_Y
-from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.geometry.coverage import T0_US, leg_at, walked
+from desim_uav.model.geometry.coverage import VX as WALK_X
+from desim_uav.model.geometry.coverage import VY as WALK_Y
+from desim_uav.model.geometry.polynomial import Coefficients, sign_changes, square_of, value_at
+from desim_uav.model.geometry.relative import rounded_us
 from desim_uav.model.radio.bounds import bound_rates
 from desim_uav.model.radio.levels import H_LEAST, H_MOST, R_LEAST, R_MOST
 from desim_uav.model.radio.links import (
@@ -68,7 +69,6 @@ from desim_uav.model.radio.links import (
     sign,
 )
 from desim_uav.model.radio.passing import SOON_S
-from desim_uav.model.radio.polynomial import Coefficients, sign_changes, square_of, value_at
 from desim_uav.model.radio.scene import (
     BAND,
     RADIO,
@@ -85,7 +85,7 @@ from desim_uav.model.radio.scene import (
 from desim_uav.model.radio.search import search
 from desim_uav.model.radio.slopes import DB
 from desim_uav.model.radio.tracks import AT, BEGIN, SPEED_AT, place
-from desim_uav.model.relative import rounded_us
+from desim_uav.rowcode.kernels import kernel, rule
 
 GRAZE = 1e-14
 """How close to zero a difference of squared distances, relative to them, is taken to be zero; an

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.coverage import (
+from desim_uav.model.geometry.coverage import (
     AT_X,
     AT_Y,
     FAR,
@@ -32,11 +32,11 @@ from desim_uav.model.coverage import (
     leg_near,
     walked,
 )
-from desim_uav.model.kernels import kernel, part
-from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
+from desim_uav.model.geometry.relative import beyond, rounded_us
+from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, SPEED, START
 from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
 from desim_uav.model.radio.nested import bounds_of, sift, sifted
-from desim_uav.model.relative import beyond, rounded_us
+from desim_uav.rowcode.kernels import kernel, part
 
 BEGINS, SLAB, PLACE, RISE, BEND = range(5)
 WINDOW_COLUMNS = 5

@@ -8,8 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.radio.levels import H_LEAST, H_MOST, R_LEAST, R_MOST
 from desim_uav.model.radio.links import (
     AX,
@@ -44,6 +42,8 @@ from desim_uav.model.radio.links import (
     are_a_pair,
 )
 from desim_uav.model.radio.slopes import DB, least_share
+from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.kernels import kernel, rule
 
 
 @rule

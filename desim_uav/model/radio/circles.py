@@ -1,7 +1,7 @@
 """When a user passes into another ring around a drone: crossings of nested circles.
 
-Each circle is crossed as the footprint's edge is (``model.crossings``), and all of them are looked
-at together: a user who is between two circles crosses one of these two next.
+Each circle is crossed as the footprint's edge is (``model.geometry.crossings``), and all of them
+are looked at together: a user who is between two circles crosses one of these two next.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.coverage import (
+from desim_uav.model.geometry.coverage import (
     AT_X,
     AT_Y,
     LEG,
@@ -24,9 +24,7 @@ from desim_uav.model.coverage import (
     leg_near,
     walked,
 )
-from desim_uav.model.kernels import part
-from desim_uav.model.motion import START
-from desim_uav.model.relative import (
+from desim_uav.model.geometry.relative import (
     GRAZE_M,
     beyond,
     coast_of,
@@ -40,6 +38,8 @@ from desim_uav.model.relative import (
     turning_points,
     write,
 )
+from desim_uav.model.motion.motion import START
+from desim_uav.rowcode.kernels import part
 
 MOST_REST = 2
 """A profile with more rows than this has at least two phases before the rest."""

@@ -2,7 +2,7 @@
 
 The draws of a link while the transmitter is in a cell are three words of random bits: one for the
 line of sight, one for the shadowing with it, and one for that without it. They are a function of a
-key and of the numbers of cell, user and transmitter (``model.philox``).
+key and of the numbers of cell, user and transmitter (``model.random.philox``).
 
 A planner imagines how an episode goes on. It must not know these words, but it sees whether each
 link has line of sight now, and the shadowing that the link has now. So an imagined episode has a
@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel, part
-from desim_uav.model.philox import Words, philox
-from desim_uav.model.streams import as_uniform
+from desim_uav.model.random.philox import Words, philox
+from desim_uav.model.random.streams import as_uniform
+from desim_uav.rowcode.kernels import kernel, part
 
 KEY_WORDS = 2
 """The words of a key. If the episode is imagined, a second key and what is seen follow."""

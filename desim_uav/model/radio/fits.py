@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_rows import call_for_float
-from desim_uav.model.components import over_rows, values_of
-from desim_uav.model.kernels import kernel
 from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.path_loss import MEAN, RowPathLoss
 from desim_uav.model.radio.rings import FARTHEST_M
-from desim_uav.model.rows import packed
+from desim_uav.rowcode.compiled_rows import call_for_float
+from desim_uav.rowcode.components import over_rows, values_of
+from desim_uav.rowcode.kernels import kernel
+from desim_uav.rowcode.rows import packed
 
 TERMS = 10
 """The number of terms of a polynomial."""

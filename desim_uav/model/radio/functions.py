@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from desim_uav.model.kernels import kernel, rule
+from desim_uav.rowcode.kernels import kernel, rule
 
 
 @kernel

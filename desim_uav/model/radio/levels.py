@@ -13,8 +13,11 @@ from itertools import product
 from typing import Any, NamedTuple
 
 from desim_uav.errors import ScenarioError
-from desim_uav.model.compiled_rows import entries_at
-from desim_uav.model.components import (
+from desim_uav.model.radio.functions import elevation_deg
+from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS, Rates, RowPathLoss, mean_of
+from desim_uav.model.radio.sampled import sampled_rates
+from desim_uav.rowcode.compiled_rows import entries_at
+from desim_uav.rowcode.components import (
     NOT_COMPILED,
     Compiled,
     Function,
@@ -25,10 +28,7 @@ from desim_uav.model.components import (
     over_rows,
     ruled,
 )
-from desim_uav.model.kernels import rule
-from desim_uav.model.radio.functions import elevation_deg
-from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS, Rates, RowPathLoss, mean_of
-from desim_uav.model.radio.sampled import sampled_rates
+from desim_uav.rowcode.kernels import rule
 
 R_LEAST, R_MOST, H_LEAST, H_MOST = range(4)
 """The columns of a row of rates: the least and the most that a level changes, in dB for a metre of

@@ -12,8 +12,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
+from desim_uav.errors import did_you_mean
 from desim_uav.model.radio.functions import log10
-from desim_uav.registry import did_you_mean
 
 MOST_CLASSES = 64
 DECIMALS = 6

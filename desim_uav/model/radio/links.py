@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_rows import call_for_float, entries_at
-from desim_uav.model.kernels import kernel, part, rule
 from desim_uav.model.radio.levels import RATES
 from desim_uav.model.radio.slopes import DB
+from desim_uav.rowcode.compiled_rows import call_for_float, entries_at
+from desim_uav.rowcode.kernels import kernel, part, rule
 
 PX, PY, PZ, VX, VY, VZ, AX, AY, AZ, CARRIER, BASE_DBM, NOISE_DBM, NOISE_MW = range(13)
 LEAST, MOST, LOW_DBM, HIGH_DBM, LOW_MW, HIGH_MW, SETTLED_S, STEEP, BOUND = range(13, 22)

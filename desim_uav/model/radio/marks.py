@@ -11,8 +11,8 @@ with or without line of sight) and one additional loss. Three kinds of line of s
 - ``buildings``: the buildings of the map block the line, or do not (``model.radio.sight``).
 
 Shadowing adds a normal number for each user, transmitter, cell in which the transmitter is, and
-state of the line of sight. All draws are functions of these numbers (``model.philox``), so they do
-not depend on the order in which they are made, nor on other users and transmitters.
+state of the line of sight. All draws are functions of these numbers (``model.random.philox``), so
+they do not depend on the order in which they are made, nor on other users and transmitters.
 """
 
 from __future__ import annotations
@@ -22,14 +22,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_rows import call_for_float
-from desim_uav.model.components import Compiled, Function, compiled, ruled
-from desim_uav.model.grid import cell_index
-from desim_uav.model.kernels import kernel, part
-from desim_uav.model.philox import as_normal
+from desim_uav.model.geometry.grid import cell_index
+from desim_uav.model.geometry.polynomial import Coefficients, sign_changes
 from desim_uav.model.radio.draws import draws_of_link
 from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS, RowPathLoss
-from desim_uav.model.radio.polynomial import Coefficients, sign_changes
 from desim_uav.model.radio.rings import check_sight
 from desim_uav.model.radio.sight import (
     CLEAR,
@@ -54,6 +50,10 @@ from desim_uav.model.radio.tracks import (
     velocity,
     walk,
 )
+from desim_uav.model.random.philox import as_normal
+from desim_uav.rowcode.compiled_rows import call_for_float
+from desim_uav.rowcode.components import Compiled, Function, compiled, ruled
+from desim_uav.rowcode.kernels import kernel, part
 
 MEAN_LOSS, DRAWN, BUILDINGS = range(3)
 """The kinds of line of sight."""

@@ -1,7 +1,7 @@
 """When a user passes from one class of a link to another while the drone keeps its altitude.
 
 At one altitude each class holds within a circle around the drone, so a class changes where the user
-crosses a circle. Each circle is crossed as the footprint's edge is (``model.crossings``).
+crosses a circle. Each circle is crossed as the footprint's edge is (``model.geometry.crossings``).
 """
 
 from __future__ import annotations
@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_registers import either
-from desim_uav.model.coverage import (
+from desim_uav.model.geometry.coverage import (
     AT_X,
     AT_Y,
     FAR,
@@ -30,10 +29,11 @@ from desim_uav.model.coverage import (
     ways_of,
     ways_of_ends,
 )
-from desim_uav.model.crossings import crossings
-from desim_uav.model.kernels import kernel, part
+from desim_uav.model.geometry.crossings import crossings
+from desim_uav.model.geometry.relative import ENTERS
 from desim_uav.model.radio.circles import MOST_REST, cross_rings
-from desim_uav.model.relative import ENTERS
+from desim_uav.rowcode.compiled_registers import either
+from desim_uav.rowcode.kernels import kernel, part
 
 CHANGE = ENTERS
 """The third column of a table of changes: the class to which a link rises, or minus the class to

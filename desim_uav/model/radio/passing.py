@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from desim_uav.model.kernels import kernel, part, rule
+from desim_uav.model.geometry.relative import rounded_us
 from desim_uav.model.radio.links import (
     EQUAL_DB,
     LOOKED,
@@ -17,7 +17,7 @@ from desim_uav.model.radio.links import (
     note,
     ratio_db,
 )
-from desim_uav.model.relative import rounded_us
+from desim_uav.rowcode.kernels import kernel, part, rule
 
 ROOT_S = 1e-9
 """How far a time may be from where the ratio passes a threshold, before it is rounded."""

@@ -13,10 +13,10 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from annotated_types import Ge, Gt, Le
 
-from desim_uav.model.kernels import rule
 from desim_uav.model.radio.functions import elevation_deg, exp, log10, slant_range_m
 from desim_uav.model.radio.slopes import logistic_rates
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rule
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 

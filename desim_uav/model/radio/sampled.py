@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.kernels import rule
+from desim_uav.rowcode.kernels import rule
 
 SAFETY = 2.0
 """Bounds are so many times the fastest change at the sampled places."""

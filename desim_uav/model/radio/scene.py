@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.coverage import T0_US, leg_at
-from desim_uav.model.coverage import VX as WALK_X
-from desim_uav.model.coverage import VY as WALK_Y
-from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.geometry.coverage import T0_US, leg_at
+from desim_uav.model.geometry.coverage import VX as WALK_X
+from desim_uav.model.geometry.coverage import VY as WALK_Y
 from desim_uav.model.radio.links import (
     AFTER,
     AX,
@@ -63,6 +62,7 @@ from desim_uav.model.radio.tracks import (
     place,
     velocity,
 )
+from desim_uav.rowcode.kernels import kernel, rule
 
 X0, Y0, Z0, X1, Y1, Z1, POWER_DBM = range(7)
 PLACE_COLUMNS = 7
@@ -97,7 +97,8 @@ class Air(NamedTuple):
 
     ``places`` (transmitters, PLACE_COLUMNS) and ``senders`` (transmitters, SENDER_COLUMNS) say
     where transmitters fly and how they transmit. ``pieces`` (rows, 4) are the profiles of all
-    transits (see ``model.motion``), of which transit k has ``pieces_at[k]:pieces_at[k + 1]``.
+    transits (see ``model.motion.motion``), of which transit k has ``pieces_at[k]:pieces_at[k +
+    1]``.
 
     ``losses`` (radios, 3) and ``radios`` (radios, 2) describe radios, and radio r has the rising
     thresholds ``thresholds_db[thresholds_at[r]:thresholds_at[r + 1]]`` of its classes.

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.radio.bounds import bound_levels, bound_ratio, bound_stretch, turns_back
 from desim_uav.model.radio.links import (
     AX,
@@ -35,6 +34,7 @@ from desim_uav.model.radio.links import (
     look,
 )
 from desim_uav.model.radio.passing import pass_thresholds
+from desim_uav.rowcode.kernels import kernel, rule
 
 TOLERANCE_DB = 1e-4
 """Stays on the other side of a threshold that go less far than this beyond it may be missed."""

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel, maker, part
-from desim_uav.model.radio.polynomial import Coefficients, sign_changes
+from desim_uav.model.geometry.polynomial import Coefficients, sign_changes
+from desim_uav.model.geometry.relative import rounded_us
 from desim_uav.model.radio.tracks import BEGIN, PULL_AT, Point, Rows, note, place, row_at, velocity
-from desim_uav.model.relative import rounded_us
+from desim_uav.rowcode.kernels import kernel, maker, part
 
 BLOCKED, CLEAR = 0, 1
 """The states of a line of sight."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from desim_uav.model.kernels import kernel, part
+from desim_uav.rowcode.kernels import kernel, part
 
 DB = 10.0 / np.log(10.0)
 """A change of a power by a small share is so many decibels times the share."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel, part
 from desim_uav.model.radio.slopes import DEGREES
+from desim_uav.rowcode.kernels import kernel, part
 
 FINEST_DEG = 1e-9
 """Elevations that are closer together than this are taken for one."""

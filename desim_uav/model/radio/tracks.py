@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.coverage import T0_US, VX, VY, leg_at, walked
-from desim_uav.model.kernels import kernel, part
-from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
+from desim_uav.model.geometry.coverage import T0_US, VX, VY, leg_at, walked
+from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, SPEED, START
+from desim_uav.rowcode.kernels import kernel, part
 
 BEGIN, AT = 0, 1
 SPEED_AT, PULL_AT = 4, 7
@@ -35,8 +35,8 @@ Point = tuple[float, float, float]
 class Flight(NamedTuple):
     """A straight flight in 3-D, after which the drone hovers.
 
-    ``profile`` (pieces, 4) is that of a transit (see ``model.motion``), ``route`` the x, y and z of
-    its start and of its destination, in metres, and ``begun_us`` the time of its start.
+    ``profile`` (pieces, 4) is that of a transit (see ``model.motion.motion``), ``route`` the x, y
+    and z of its start and of its destination, in metres, and ``begun_us`` the time of its start.
     """
 
     profile: NDArray[np.float64]
@@ -111,8 +111,8 @@ def walk(
 ) -> int:
     """Write the track of a user from row ``first`` on, and return the row after it.
 
-    ``legs`` are the walks of users (see ``model.coverage``), of which the user's are ``own``. The
-    track has one row for each leg of the span, and one more.
+    ``legs`` are the walks of users (see ``model.geometry.coverage``), of which the user's are
+    ``own``. The track has one row for each leg of the span, and one more.
     """
     start_us, end_us = span_us
     still = (0.0, 0.0, 0.0)

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import UsageError
-from desim_uav.model.battery import Endurance, PerAction
-from desim_uav.model.charging import Constant, Swap, Tapered
-from desim_uav.model.kernels import maker
-from desim_uav.model.rotary_wing import RotaryWing
+from desim_uav.model.energy.battery import Endurance, PerAction
+from desim_uav.model.energy.charging import Constant, Swap, Tapered
+from desim_uav.model.energy.rotary_wing import RotaryWing
 from desim_uav.optimum.run.legs import Shares, cells_ahead, leg_of
+from desim_uav.rowcode.kernels import maker
 
 LARGEST = 10**8
 """The largest number of states of a run that are visited."""

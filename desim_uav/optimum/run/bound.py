@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from desim_uav.drone_type import DroneType
-from desim_uav.model.demand import Continuous
-from desim_uav.model.mobility import Static
+from desim_uav.model.demand.demand import Continuous
+from desim_uav.model.mobility.mobility import Static
 from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.optimum.run.alone import ANYWHERE, alone_of, drain_of
 from desim_uav.optimum.run.covered import Covered

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import UsageError
-from desim_uav.model.coverage import SEEN_ROWS, DroneLeg, Users, look_around
-from desim_uav.model.crossings import crossings
-from desim_uav.model.grid import Grid
-from desim_uav.model.kernels import maker
-from desim_uav.model.motion import REST
-from desim_uav.model.relative import ENTERS, TIME_US, USER
+from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.geometry.crossings import crossings
+from desim_uav.model.geometry.grid import Grid
+from desim_uav.model.geometry.relative import ENTERS, TIME_US, USER
+from desim_uav.model.mobility.walking import Walks
+from desim_uav.model.motion.motion import REST
 from desim_uav.model.rules import MOVES, Action
-from desim_uav.model.walking import Walks
+from desim_uav.rowcode.kernels import maker
 from desim_uav.world import World
 
 HEADINGS = (Action.HOVER, Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT)

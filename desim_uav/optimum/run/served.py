@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.asking import DUE_US, REQUIRED_US, Requests
-from desim_uav.model.kernels import maker
+from desim_uav.model.demand.asking import DUE_US, REQUIRED_US, Requests
 from desim_uav.optimum.run.prices import Prices, Slope
+from desim_uav.rowcode.kernels import maker
 
 HIGHEST = 4.0
 """The largest θ that is looked for; prices may also prove nothing, with a θ above 1."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import maker, part
+from desim_uav.rowcode.kernels import maker, part
 
 LOST = -1e9
 """The value of a crash, which no gain outweighs."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import maker
+from desim_uav.rowcode.kernels import maker
 
 Floats = NDArray[np.float64]
 SURE = 4.0

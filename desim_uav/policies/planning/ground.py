@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.coverage import all_walked
+from desim_uav.model.geometry.coverage import all_walked
+from desim_uav.model.mobility.walking import from_here
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import MOVES, Action, Choice, kind_of, move_of
-from desim_uav.model.streams import Purpose, Streams
-from desim_uav.model.walking import from_here
 from desim_uav.world import World
 
 Ints = NDArray[np.int64]

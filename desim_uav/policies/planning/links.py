@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.air import buildings_of
 from desim_uav.engine.episode import Engine
-from desim_uav.model.grid import cell_index
+from desim_uav.model.geometry.grid import cell_index
 from desim_uav.model.radio.draws import UNSEEN
 from desim_uav.model.radio.functions import elevation_deg
 from desim_uav.model.radio.sight import CLEAR, Buildings, buffers_for, state_at

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from desim_uav.registry import did_you_mean
+from desim_uav.errors import did_you_mean
 
 
 class Option(NamedTuple):

@@ -10,8 +10,8 @@ from typing import Any
 
 from desim_uav.errors import MissingExtraError, PolicyError, in_short
 from desim_uav.model.observations import Feature
+from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
-from desim_uav.model.streams import Streams
 from desim_uav.policies.network_file import reason
 from desim_uav.policies.rllib.file import NAME, NetworkFile, Saved
 from desim_uav.registry import register

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.model.battery import WH_UJ
+from desim_uav.model.energy.battery import WH_UJ
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.figures.style import MOST_PANELS, NARROW, Figure, drone_look, headed, styled
 from desim_uav.report.figures.visits import chosen_drones

@@ -12,9 +12,9 @@ from matplotlib.figure import FigureBase
 
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import UsageError
-from desim_uav.model.battery import in_joules
-from desim_uav.model.free.limits import CALM
-from desim_uav.model.motion import Transit
+from desim_uav.model.energy.battery import in_joules
+from desim_uav.model.motion.limits import CALM
+from desim_uav.model.motion.motion import Transit
 from desim_uav.model.rules import US, Action, kind_of
 from desim_uav.report.figures.free_energy import draw_free_legs, draw_per_metre
 from desim_uav.report.figures.style import COLOURS, Figure, headed, styled

@@ -18,8 +18,8 @@ from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.model.observations import common_features
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Action, AtSpeed, Choice, Mode, kind_of, move_of
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.tabular import QTable
 from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
 from desim_uav.report.figures.style import grid_of, headed, styled

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from desim_uav.model.battery import in_joules
-from desim_uav.model.free.limits import CALM
-from desim_uav.model.free.space import flight_of
-from desim_uav.model.motion import Transit, flown_transit
+from desim_uav.model.energy.battery import in_joules
+from desim_uav.model.motion.limits import CALM
+from desim_uav.model.motion.motion import Transit, flown_transit
+from desim_uav.model.motion.space import flight_of
+from desim_uav.model.motion.wind import Course, flown_along, motion_in, way_between
 from desim_uav.model.rules import US, Mode
-from desim_uav.model.wind import Course, flown_along, motion_in, way_between
 from desim_uav.report.batteries import powers_w
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.rows import Row, Table, row
+from desim_uav.rowcode.rows import Row, Table, row
 from desim_uav.rules.rows.flights import Cell, Hop, Move, Place, Plan, SpaceRow, TransitRow
 
 
@@ -105,34 +105,31 @@ class Change(Row):
 class Constants(Row):
     """The constants of a run: those of its world and its settings.
 
-    If drones are asked ``by_event``, one hovers for ``patience_us``.
-    A place (level, x, y) has the number ``(level * nx + x) * ny + y``. ``blocked`` has an entry per
-    place, and ``station_at`` one per cell. ``types`` are the types of drones; some of them have a
-    battery that is ``limited``. ``plans`` holds for each type (see ``TypeRow``) one plan per place
-    without the drones' ceiling, and then one per place below it. ``transits`` holds the hover, and
-    then for each type its moves and, from its number ``first_hop``, its hops in the order of
-    ``model.planner.HOPS``; ``Move.transit`` and ``first_hop`` are as if the first type came first
-    of those that fly from cell to cell. Types that fly freely have no moves, and do not use them.
-    ``radios`` are those of the types of drones, and then those of the access points ``points``.
-    Rewards divide users among ``sharers``: the drones, and the access points
-    that count. ``groups`` are those of the users by height (see ``Radio``). By service, ``in_bits``
-    says that requests ask for a volume instead of a time, and ``elastic`` that they share what
-    bandwidth is left. ``expected_requests`` is the number of requests of an episode if all are
-    served at once (see ``scenario.cost``). Senders of the same index modulo ``reuse`` interfere (0:
-    none do). What
-    ``model.radio.air`` needs to know is from ``thresholds_db`` to ``profiles_at``: the thresholds
-    of all radios, of which radio r has those from ``thresholds_at[r]`` on, the heights of users
-    (``heights_m``), and the ``profiles`` of all transits. The buildings that block lines of sight
-    are from ``corners_m`` to ``tallest_m`` (see ``model.radio.sight.Buildings``): building b has
-    the corners from ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]``
-    on. For ``trigger_us`` and ``margin_db``
+    If drones are asked ``by_event``, one hovers for ``patience_us``. A place (level, x, y) has the
+    number ``(level * nx + x) * ny + y``. ``blocked`` has an entry per place, and ``station_at`` one
+    per cell. ``types`` are the types of drones; some of them have a battery that is ``limited``.
+    ``plans`` holds for each type (see ``TypeRow``) one plan per place without the drones' ceiling,
+    and then one per place below it. ``transits`` holds the hover, and then for each type its moves
+    and, from its number ``first_hop``, its hops in the order of ``model.motion.planner.HOPS``;
+    ``Move.transit`` and ``first_hop`` are as if the first type came first of those that fly from
+    cell to cell. Types that fly freely have no moves, and do not use them. ``radios`` are those of
+    the types of drones, and then those of the access points ``points``. Rewards divide users among
+    ``sharers``: the drones, and the access points that count. ``groups`` are those of the users by
+    height (see ``Radio``). By service, ``in_bits`` says that requests ask for a volume instead of a
+    time, and ``elastic`` that they share what bandwidth is left. ``expected_requests`` is the
+    number of requests of an episode if all are served at once (see ``scenario.cost``). Senders of
+    the same index modulo ``reuse`` interfere (0: none do). What ``model.radio.air`` needs to know
+    is from ``thresholds_db`` to ``profiles_at``: the thresholds of all radios, of which radio r has
+    those from ``thresholds_at[r]`` on, the heights of users (``heights_m``), and the ``profiles``
+    of all transits. The buildings that block lines of sight are from ``corners_m`` to ``tallest_m``
+    (see ``model.radio.sight.Buildings``): building b has the corners from ``corners_at[b]`` on, and
+    bucket k the buildings ``built`` from ``built_at[k]`` on. For ``trigger_us`` and ``margin_db``
     see ``rules.association``. ``known`` holds changes of users who stand still
     (``engine.compiled.standing``). Drones are too near to each other below a distance of
     ``separation_m`` (0: they have not to keep any); one ``gives_way`` to those with lower indices.
     ``features`` is the number of features that a learner observes, and ``gamma`` its discount of a
-    step.
-    If drones fly freely, ``spaces`` has an entry for each type; only those of free ones are used.
-    The fields from ``foresee`` on are functions, or in compiled code their addresses;
+    step. If drones fly freely, ``spaces`` has an entry for each type; only those of free ones are
+    used. The fields from ``foresee`` on are functions, or in compiled code their addresses;
     ``reward_values`` and the like are the addresses of the components' fields.
     """
 

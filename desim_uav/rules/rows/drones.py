@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.rows import Queue, Row, Table, row
+from desim_uav.rowcode.rows import Queue, Row, Table, row
 from desim_uav.rules.rows.constants import Change
 from desim_uav.rules.rows.flights import Plan, TransitRow
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.rows import Row, Table, row
+from desim_uav.rowcode.rows import Row, Table, row
 
 
 @row
@@ -44,7 +44,7 @@ class Piece(Row):
 
 @row
 class TransitRow(Row):
-    """A flight of a drone from rest to rest (see ``model.motion.Transit``)."""
+    """A flight of a drone from rest to rest (see ``model.motion.motion.Transit``)."""
 
     duration_us: int
     distance_m: float
@@ -67,7 +67,7 @@ class Plan(Row):
 
 @row
 class WaysRow(Row):
-    """The ways home at one altitude in free flight (see ``model.free.space.Ways``)."""
+    """The ways home at one altitude in free flight (see ``model.motion.space.Ways``)."""
 
     altitude_m: float
     nodes_m: Table[float]
@@ -79,10 +79,11 @@ class WaysRow(Row):
 
 @row
 class SpaceRow(Row):
-    """What a type of drones needs for free flight (see ``model.free.space.Space``).
+    """What a type of drones needs for free flight (see ``model.motion.space.Space``).
 
-    The fields from ``corners_m`` to ``members`` are its obstacles (``model.free.prisms.Prisms``).
-    Commands choose a cruise speed from ``lowest_mps`` to ``highest_mps`` (infinity: none).
+    The fields from ``corners_m`` to ``members`` are its obstacles
+    (``model.geometry.prisms.Prisms``). Commands choose a cruise speed from ``lowest_mps`` to
+    ``highest_mps`` (infinity: none).
     """
 
     level_mps: float

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from desim_uav.model.rows import Row, Table, row
+from desim_uav.rowcode.rows import Row, Table, row
 
 
 @row
 class Ask(Row):
-    """A request to come; ``due_us`` is its time or a think time (see ``model.demand.Requests``).
+    """A request to come; ``due_us`` is its time or a think time (see ``demand.Requests``).
 
     ``required`` is a service time in microseconds, or a volume in millionths of a bit.
     """
@@ -26,8 +26,8 @@ class Path(Row):
     compiled engine has the initial states of their random streams (four words each) instead of
     legs. ``respawns`` holds ``respawns_drawn`` stations per drone, and ``errors`` the position
     errors in x and y, in cells, per drone and decision epoch, or nothing without noise.
-    ``link_key`` holds the key of the draws of links (``model.philox``); the compiled engine has
-    nothing there if there are no such draws.
+    ``link_key`` holds the key of the draws of links (``model.random.philox``); the compiled engine
+    has nothing there if there are no such draws.
     """
 
     after_previous: int

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.rows import Row, Table, row
+from desim_uav.rowcode.rows import Row, Table, row
 
 
 @row

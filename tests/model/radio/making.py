@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from desim_uav.model.motion import REST, BangCoastBang
+from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly, walk
 from tests.model import sampler
 from tests.model.radio.looking import Trip

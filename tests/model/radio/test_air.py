@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from desim_uav.model.kernels import kernel
-from desim_uav.model.motion import BangCoastBang
+from desim_uav.model.motion.motion import BangCoastBang
 from desim_uav.model.radio.air import class_changes_in_air, pair_changes
 from desim_uav.model.radio.search import (
     TOLERANCE_DB,
 )
+from desim_uav.rowcode.kernels import kernel
 from tests.model.radio.airs import (
     RADIOS,
     Radio,

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from desim_uav.errors import ScenarioError
-from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import kernel
 from desim_uav.model.radio.bounds import bound_levels, bound_ratio
 from desim_uav.model.radio.functions import log10, slant_range_m
 from desim_uav.model.radio.levels import RATES, compiled_loss
 from desim_uav.model.radio.links import SENDER, Links, look
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, free_space_db
 from desim_uav.model.radio.scene import begin_links, relate, take_first_rows, take_rows
+from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.kernels import kernel
 from tests.model.radio.airs import RADIOS, USER_M, TwoSlopes, kept_loss, random_sky, stroll
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from desim_uav.model.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
 from desim_uav.model.radio.between import (
     WINDOW_COLUMNS,
     Climb,

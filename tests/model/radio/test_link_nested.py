@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from desim_uav.model.coverage import SEEN_ROWS, DroneLeg, Users, look_around
-from desim_uav.model.crossings import crossings
+from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.geometry.crossings import crossings
 from desim_uav.model.radio.nested import class_changes
 from tests.model.radio.looking import Scene, Seen, hold_classes, moving
 from tests.model.radio.making import START_US, flying, hovering, walks

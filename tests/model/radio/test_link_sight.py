@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from desim_uav.model.motion import BangCoastBang
+from desim_uav.model.motion.motion import BangCoastBang
 from desim_uav.model.radio.sight import (
     BLOCKED,
     CLEAR,

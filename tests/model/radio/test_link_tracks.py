@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from desim_uav.model.coverage import leg_at, walked
+from desim_uav.model.geometry.coverage import leg_at, walked
 from desim_uav.model.radio.tracks import (
     AT,
     BEGIN,

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from desim_uav.model.motion import BangCoastBang
+from desim_uav.model.motion.motion import BangCoastBang
 from desim_uav.model.radio.functions import elevation_deg, exp
 from desim_uav.model.radio.marks import BUILDINGS, DRAWN, KINDS, MEAN_LOSS, compiled_chance
 from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS, AlHourani, FreeSpace

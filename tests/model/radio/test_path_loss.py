@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 from pydantic import create_model
 
 from desim_uav import registry
-from desim_uav.model.compiled_rows import pointer_to
-from desim_uav.model.components import own_kernel, ruled, values_of
 from desim_uav.model.radio.functions import elevation_deg, log10
 from desim_uav.model.radio.path_loss import (
     ENVIRONMENTS,
@@ -23,7 +21,9 @@ from desim_uav.model.radio.path_loss import (
     free_space_db,
     mean_of,
 )
-from desim_uav.model.rows import packed
+from desim_uav.rowcode.compiled_rows import pointer_to
+from desim_uav.rowcode.components import own_kernel, ruled, values_of
+from desim_uav.rowcode.rows import packed
 from desim_uav.scenario.components import Slot, described
 
 

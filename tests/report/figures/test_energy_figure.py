@@ -8,7 +8,7 @@ from desim_uav.report.figures import energy_figure
 from desim_uav.report.figures.energy import legs_j
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
-from tests.model.test_propulsion import ZENG, power_w
+from tests.model.energy.test_propulsion import ZENG, power_w
 
 
 def world_of(battery, **motion):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from desim_uav.experiment.command import run_to_folder
-from desim_uav.model.motion import BangCoastBang, travelled
+from desim_uav.model.motion.motion import BangCoastBang, travelled
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.figures import battery_figure, case_picture, snapshot_figure, visits_figure
 from desim_uav.report.figures.visits import visit_minutes

@@ -1,0 +1,1 @@
+"""When users make requests, and for which service."""

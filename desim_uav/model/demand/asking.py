@@ -1,0 +1,433 @@
+"""Demand over rows: models that draw a user's requests one by one, and that can be compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import SimulationError
+from desim_uav.model.naming import naming
+from desim_uav.model.random.streams import Stream, Streams, begin_stream, uniform
+from desim_uav.model.services import Catalogue
+from desim_uav.rowcode.bounds import owner_of
+from desim_uav.rowcode.compiled_registers import held, put_back
+from desim_uav.rowcode.compiled_rows import pointer_to
+from desim_uav.rowcode.components import (
+    Compiled,
+    Function,
+    call_at,
+    compiled_or_none,
+    kind_of,
+    over_rows,
+    remembering,
+    ruled,
+)
+from desim_uav.rowcode.kernels import rule
+from desim_uav.rowcode.rows import (
+    Row,
+    Table,
+    View,
+    Words,
+    attach,
+    blank,
+    bound,
+    fill,
+    packed,
+    place,
+    row,
+)
+
+DUE_US, SERVICE, REQUIRED_US, BANDWIDTH_BPS = range(4)
+"""The columns of a table of requests (see ``Requests``)."""
+
+NOTHING = -1
+"""The service of a draw that is no request."""
+
+NO_MORE_US = 2**60
+"""The waiting time of users who make no more requests, which is longer than any episode."""
+
+MOST_REQUIRED, MOST_BPS = 2**62, 10**12
+"""The largest service time in microseconds, or volume in millionths of a bit, and the largest
+bandwidth of a request: what is done for it, and a bandwidth times the millionths of a bit/s/Hz,
+then fits in 64 bits."""
+
+
+class Requests(NamedTuple):
+    """All users' requests in one episode: rows of DUE_US SERVICE REQUIRED_US BANDWIDTH_BPS.
+
+    If a request's service asks for volumes, REQUIRED_US is in millionths of a bit.
+
+    The rows of user u are ``offsets[u]:offsets[u + 1]``. If ``after_previous`` is true, DUE_US
+    counts from the end of the user's previous request, and for the first request from the start of
+    the episode. Otherwise DUE_US is the time of an arrival, which is dropped while another request
+    of that user is open.
+    """
+
+    rows: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    after_previous: bool
+
+
+class ManyRequests(Sequence[Requests]):
+    """The requests of several episodes in one table.
+
+    The rows of episode k are ``begins[k]:begins[k + 1]``. ``offsets`` (episodes, users + 1) count
+    from the beginning of each episode's rows.
+    """
+
+    def __init__(
+        self, rows: NDArray[np.int64], offsets: NDArray[np.int64], after_previous: bool
+    ) -> None:
+        self.offsets, self.after_previous = offsets, after_previous
+        ends: list[int] = np.cumsum(offsets[:, -1]).tolist()
+        self.begins, self.rows = [0, *ends[:-1]], rows[: ends[-1]]
+
+    def __len__(self) -> int:
+        return len(self.offsets)
+
+    def __getitem__(self, k: Any) -> Any:
+        """Return the requests of episode k of the table."""
+        own, begin = self.offsets[k], self.begins[k]
+        return Requests(self.rows[begin : begin + own[-1]], own, self.after_previous)
+
+
+@row
+class Asker(Row):
+    """A user who makes requests: its number and draws so far, the time left, its present draw.
+
+    The askers of a demand model also have the numbers that the model remembers.
+    """
+
+    user: int
+    draws: int
+    left_us: int
+    wait_us: int
+    service: int
+    required_us: int
+    bandwidth_bps: int
+    stream: Stream
+
+
+@row
+class Offer(Row):
+    """The services: the cumulative ``shares`` of the mix, service times and bandwidths.
+
+    Service s has ``sizes[2 * s]`` service times, from ``required[s * longest]`` on, and
+    ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, all equally likely. If
+    ``in_bits[s]``, it has volumes in millionths of a bit instead of service times. No volume is
+    delivered faster than at ``most_bps``, in bit/s; 0 if that is not known.
+    """
+
+    longest: int
+    widest: int
+    most_bps: int
+    shares: Table[float]
+    sizes: Table[int]
+    required: Table[int]
+    bandwidths_bps: Table[int]
+    in_bits: Table[int]
+
+
+@row
+class Asking(Row):
+    """The draws of several episodes: where they begin, and the requests that are drawn.
+
+    ``count`` is the number of requests, which may exceed the memory for them (``most`` requests).
+    ``lost`` is the number of the user whose draw is invalid, plus 1; 0 if there is none.
+    """
+
+    horizon_us: int
+    users: int
+    most: int
+    count: int
+    lost: int
+    asker: Asker
+    states: Table[int]
+    offsets: Table[int]
+    rows: Table[int]
+
+
+class RowDemand:
+    """A demand model over rows, which can be compiled.
+
+    A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
+    ``remembers`` has the names and types (int or float) of the numbers that a user has besides its
+    request; they are 0 at first. If ``after_previous``, waiting times count from the end of a
+    request to the next one, else from one request to the next.
+    """
+
+    remembers: ClassVar[dict[str, type]] = {}
+    after_previous: ClassVar[bool] = True
+    plain: ClassVar = ("requests",)
+    """The methods of which a subclass overrides one if it makes whole tables of requests."""
+
+    def next_request(self, asker: Any, stream: Any, services: Any) -> None:
+        """Draw a user's next request, and the waiting time before it.
+
+        Write ``asker.wait_us``, ``service`` (or NOTHING), ``required_us`` and ``bandwidth_bps``
+        (see ``ask_for`` and ``ask_for_mix``). ``asker.user`` is the number of the user, and
+        ``asker.draws`` that of the draws before. Draw from ``stream`` only, with ``uniform`` and
+        the like from ``model.random.streams``. ``services`` is the Offer.
+        """
+        raise NotImplementedError
+
+    def from_now(self, now_us: int) -> RowDemand:
+        """Return this model as it goes on at a time, from which its times are counted then.
+
+        A model whose draws depend on the time returns one that begins later.
+        """
+        return self
+
+    def requests(
+        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
+    ) -> Requests:
+        """Return the requests of one episode, with one random stream per user."""
+        states = streams.states(users)[np.newaxis]
+        drawn: Requests = RowDraws(self, services, horizon_us).of(states)[0]
+        return drawn
+
+
+def from_now(demand: Any, now_us: int) -> Any:
+    """Return a demand model as it goes on at a time of the episode."""
+    return demand.from_now(now_us) if isinstance(demand, RowDemand) else demand
+
+
+# ---- what models draw
+
+
+@rule
+def ask_for(asker: Any, stream: Any, services: Any, service: int) -> None:
+    """Let a user ask for a service, for one of its service times and with one of its bandwidths."""
+    asker.service = service
+    k = int(uniform(stream) * services.sizes[2 * service])
+    asker.required_us = services.required[service * services.longest + k]
+    k = int(uniform(stream) * services.sizes[2 * service + 1])
+    asker.bandwidth_bps = services.bandwidths_bps[service * services.widest + k]
+
+
+@rule
+def ask_for_mix(asker: Any, stream: Any, services: Any, none: float) -> None:
+    """Let a user ask for a service of the mix, or with probability ``none`` for nothing.
+
+    It takes four uniform numbers, of which some may not be used: for whether there is a request,
+    for service, duration and bandwidth. They are not drawn if the wait exceeds the time left.
+    """
+    if asker.wait_us >= asker.left_us:
+        return
+    asks = uniform(stream) >= none
+    which, service = uniform(stream), 0
+    for k in range(len(services.shares)):  # without a break, which could not be predicted
+        service += int(services.shares[k] <= which)
+    ask_for(asker, stream, services, service)
+    if not asks:
+        asker.service = NOTHING
+
+
+# ---- the draws of all users
+
+MOST_IDLE = 1000
+"""The largest number of draws of a user in which no time passes."""
+
+
+def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., None]:
+    """Return a function that writes a user's requests in an episode.
+
+    The function ends at once if a draw is invalid, or if no time passes.
+    """
+
+    def ask(demand: Any, asking: Any, asker: Any, services: Any) -> None:
+        rows, count, most = asking.rows, asking.count, asking.most
+        due_us = idle = 0
+        asker.left_us = asking.horizon_us
+        while True:
+            next_request(demand, asker, asker.stream, services)
+            asker.draws += 1
+            passed_us = asker.wait_us
+            if passed_us >= asker.left_us:
+                break
+            if not _is_sound(asker, services) or idle > MOST_IDLE:
+                asking.lost = 1
+                break
+            due_us += passed_us
+            if asker.service >= 0:
+                if count < most:
+                    first = 4 * count
+                    rows[first + DUE_US], rows[first + SERVICE] = due_us, asker.service
+                    rows[first + REQUIRED_US] = asker.required_us
+                    rows[first + BANDWIDTH_BPS] = asker.bandwidth_bps
+                count += 1
+                if follow:
+                    passed_us += _least_us(asker, services)
+                    due_us = 0
+            asker.left_us -= passed_us
+            idle = 0 if passed_us > 0 else idle + 1
+        asking.count = count
+
+    return ask
+
+
+@rule
+def _least_us(asker: Any, services: Any) -> int:
+    """Return the least time in which a request can be served; millionths of a bit are bit/s µs."""
+    if not services.in_bits[asker.service]:
+        return int(asker.required_us)
+    return int(asker.required_us // services.most_bps) if services.most_bps > 0 else 0
+
+
+@rule
+def _is_sound(asker: Any, services: Any) -> Any:
+    """Return whether a draw is a request for an existing service, or for nothing."""
+    nothing = (asker.service == NOTHING) & (asker.wait_us >= 0)
+    exists = (asker.service >= 0) & (asker.service < len(services.shares))
+    request = exists & (asker.required_us > 0) & (asker.bandwidth_bps >= 0)
+    request &= (asker.required_us <= MOST_REQUIRED) & (asker.bandwidth_bps <= MOST_BPS)
+    return nothing | (request & (asker.wait_us >= 0))
+
+
+def _anew(asker: Any) -> Any:
+    """Return a row whose numbers are all 0 again."""
+    for name, kind in asker.kinds.items():
+        if kind in (int, float):
+            setattr(asker, name, kind(0))
+    return asker
+
+
+def _draw_by(
+    ask: Callable[..., None],
+    held: Callable[[Any], Any] = _anew,
+    put_back: Callable[[Any, Any], None] = lambda asker, held: None,
+) -> Callable[..., None]:
+    """Return a function that writes all users' requests in some episodes.
+
+    Compiled code works on a copy of an asker whose numbers are 0 (``held``), which is in registers.
+    """
+
+    def draw(demand: Any, asking: Any, services: Any) -> None:
+        users, first = asking.users, 0
+        for k in range(len(asking.states) // 4):
+            if k % users == 0:
+                first = asking.count
+            asker = held(asking.asker)
+            asker.user = k % users
+            begin_stream(asker.stream, asking.states, 4 * k)
+            ask(demand, asking, asker, services)
+            if asking.lost:
+                asking.lost += k % users
+                put_back(asking.asker, asker)
+                return
+            asking.offsets[k + k // users + 1] = asking.count - first
+
+    return draw
+
+
+@cache
+def _asking_of(demand: Any) -> Any:
+    """Return the class of rows for the draws of a class of models."""
+    kinds = {**Asking.kinds, "asker": remembering(Asker, demand)}
+    return row(type("Asking", (Row,), {"__annotations__": kinds}))
+
+
+def _around(cls: Any, values_at: Any) -> Any:
+    """Return the function ``draw`` of a class of models (see ``Function.around``)."""
+    ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous))
+    draw_all, owner = ruled(_draw_by(ask, held, put_back)), owner_of(cls)
+    asking_at, offer_at = pointer_to(_asking_of(cls), owner), pointer_to(Offer, owner)
+
+    def draw(values: int, asking: int, services: int) -> None:
+        draw_all(values_at(values), asking_at(asking), offer_at(services))
+
+    return draw
+
+
+DRAW = Function("draw", _around, (int,) * 3)
+"""The function of a model that draws all requests of some episodes.
+
+Its arguments are the addresses of the model's values, of the Asking and of the Offer.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class RowDraws:
+    """The draws of a demand model over rows."""
+
+    demand: RowDemand
+    services: Catalogue
+    horizon_us: int
+    most_bps: int = 0
+    """No volume is delivered faster, in bit/s; 0 if that is not known."""
+
+    @cached_property
+    def _compiled(self) -> Compiled | None:
+        return compiled_or_none("demand", self.demand, (DRAW,), self.services.names)
+
+    @cached_property
+    def _offer(self) -> Offer:
+        own = self.services
+        (_, longest), (_, widest) = own.required.shape, own.bandwidths_bps.shape
+        in_bits = own.in_bits.astype(np.int64)
+        arrays = (own.share, own.sizes, own.required, own.bandwidths_bps, in_bits)
+        tables = (Table(array.reshape(-1).tolist()) for array in arrays)
+        return fill(Offer, (longest, widest, self.most_bps, *tables))
+
+    @cached_property
+    def _packed_offer(self) -> Words:
+        return packed(self._offer)
+
+    def of(self, states: NDArray[np.uint64]) -> ManyRequests:
+        """Draw the requests of episodes from the states of random streams (episodes, users, 4).
+
+        Raises SimulationError if a draw is invalid.
+        """
+        episodes, users, _ = states.shape
+        most = episodes * users * 16
+        offsets = np.zeros((episodes, users + 1), np.int64)
+        while True:
+            rows = np.empty((most, 4), np.int64)
+            asking = self._draw(states, offsets, rows)
+            if asking.lost:
+                raise SimulationError(f"demand: {kind_of(self.demand)!r}: {_what_is_wrong(asking)}")
+            if asking.count <= most:
+                return ManyRequests(rows, offsets, self.demand.after_previous)
+            most = asking.count
+
+    def _draw(self, states: Any, offsets: Any, rows: Any) -> Any:
+        """Draw the requests, and return the Asking."""
+        model: Any = type(self.demand)
+        made, cls, users = self._compiled, _asking_of(model), states.shape[1]
+        asking: Any
+        if made is None:
+            asking = blank(cls)
+            asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows)
+            asking.states = Table(states.reshape(-1).tolist())
+            asking.offsets, asking.rows = offsets.reshape(-1), rows.reshape(-1)
+            demand, owner = over_rows(self.demand, self.services.names), owner_of(model)
+            if owner:
+                bound(asking, self._offer)
+            draw = naming(owner, _draw_by(_ask_by(model.next_request, model.after_previous)))
+            draw(demand, asking, self._offer)
+            return asking
+        block, states = np.zeros(cls.words, np.int64), np.ascontiguousarray(states)
+        asking = View(block, cls)
+        asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows)
+        for name, array in (("states", states), ("offsets", offsets), ("rows", rows)):
+            attach(block, cls, name, array)
+        values, offer = made.values, self._packed_offer
+        call_at(made.functions["draw"], (place(values), place(block), place(offer)))
+        return asking
+
+
+def _what_is_wrong(asking: Any) -> str:
+    """Return a description of the invalid draw of a user."""
+    user, asker = asking.lost - 1, asking.asker
+    drawn = (
+        f"wait {asker.wait_us} µs, service {asker.service}, {asker.required_us} µs, "
+        f"{asker.bandwidth_bps} bit/s"
+    )
+    if asker.draws > MOST_IDLE:
+        return f"no time passes between the requests of user {user} ({drawn})"
+    return f"user {user} drew what is no request: {drawn}"

@@ -1,0 +1,1 @@
+"""Batteries, charging, and the power that flight takes."""

@@ -1,1 +1,0 @@
-"""Free flight: straight legs of any direction, wind, obstacles, ways round them, separation."""

@@ -1,0 +1,1 @@
+"""How users move: models that draw their walks, and recorded ones."""

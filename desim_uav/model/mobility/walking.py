@@ -1,0 +1,486 @@
+"""Mobility over rows: models that draw a user's walk leg by leg, and that can be compiled.
+
+One loop draws the legs, either of a whole episode (``RowWalks``) or of one span of time after
+another. The compiled engine does the latter, because the legs of an episode would take more memory
+than everything else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.copies import Unchanging
+from desim_uav.errors import SimulationError
+from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
+from desim_uav.model.naming import naming
+from desim_uav.model.random.streams import FAR_US, Stream, Streams, begin_stream
+from desim_uav.rowcode.bounds import owner_of
+from desim_uav.rowcode.compiled_registers import held, put_back
+from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of, pointer_to
+from desim_uav.rowcode.components import (
+    Compiled,
+    Function,
+    call_at,
+    compiled_or_none,
+    kind_of,
+    over_rows,
+    remembering,
+    ruled,
+    works_on_rows,
+)
+from desim_uav.rowcode.kernels import part, rule
+from desim_uav.rowcode.rows import (
+    BoundedTable,
+    Row,
+    Table,
+    View,
+    attach,
+    blank,
+    bound,
+    held_by,
+    place,
+    row,
+)
+
+LEG_COLUMNS = 5
+
+STRAY_M, NEAR_M = 1e-4, 1e-3
+"""Tolerances in metres: how far rounding may put a user off the map, and how far a leg's end may be
+from the point to which its velocity leads, because its time is in whole microseconds."""
+
+
+Start = Literal["stationary", "home"]
+"""Where users begin: anywhere, as they are in the long run, or at their homes."""
+
+
+class Area(NamedTuple):
+    """The map, which extends from 0 to ``width_m`` in x and to ``depth_m`` in y, in metres."""
+
+    width_m: float
+    depth_m: float
+
+
+class Walks(NamedTuple):
+    """The walks of all users: rows of T0_US X0 Y0 VX VY, in microseconds, metres and m/s.
+
+    The rows of user u are ``offsets[u]:offsets[u + 1]``. A user's first leg begins at time 0. Each
+    leg begins where and when the one before ends; the last one has no end.
+    """
+
+    legs: NDArray[np.float64]
+    offsets: NDArray[np.int64]
+
+    def drawn(self) -> Walks:
+        """Return these walks, which need not be drawn (see ``RowWalks``)."""
+        return self
+
+
+@row
+class Walker(Row):
+    """A walking user: the end of its present leg, its velocity, and the beginning of the leg.
+
+    The walkers of a mobility model also have the numbers that the model remembers.
+    """
+
+    x_m: float
+    y_m: float
+    vx_mps: float
+    vy_mps: float
+    t_us: int
+    from_us: int
+    from_x_m: float
+    from_y_m: float
+    stream: Stream
+
+
+@row
+class Walking(Row):
+    """All users' walks in an episode: the walkers, and their legs in the present span of time.
+
+    The legs (five numbers each) of user u are those from ``legs_at[u]`` to ``legs_at[u + 1]`` - 1.
+    ``count`` is their number, which may exceed the memory for them. ``lost`` is the number of the
+    user whose leg is invalid (see ``misstep``), plus 1; 0 if there is none.
+    """
+
+    width_m: float
+    depth_m: float
+    horizon_us: int
+    begun: int
+    lost: int
+    count: int
+    walkers: Table[Walker]
+    legs: Table[float]
+    legs_at: Table[int]
+
+
+class RowMobility:
+    """A mobility model over rows, which can be compiled.
+
+    A subclass is a frozen dataclass whose fields are numbers or tuples of numbers. ``remembers``
+    has the names and types (int or float) of the numbers that a walker has besides its place and
+    velocity; they are 0 at first. A walker may also have a further random stream (Stream).
+    """
+
+    remembers: ClassVar[dict[str, type]] = {}
+    stays_on_map: ClassVar[bool] = False
+    """Whether all legs are made by ``go_on`` and ``stay``, so that they need not be checked."""
+    plain: ClassVar = ("walks",)
+    """The methods of which a subclass overrides one if it makes whole tables of legs."""
+
+    def begin(self, walker: Any, user: int, homes: Any, streams: Any, area: Any) -> None:
+        """Put a user where it is at time 0, which is at home if this is not overridden.
+
+        Write ``walker.x_m`` and ``y_m``, and what the model remembers; the user's random stream
+        ``walker.stream`` has begun. ``homes`` has x and y of user u at 2 u and 2 u + 1, and
+        ``streams`` the four words with which its random stream begins, from 4 u on.
+        """
+
+    def next_leg(self, walker: Any, stream: Any, area: Any) -> None:
+        """Let a user walk its next leg, from where it is at ``walker.t_us``.
+
+        Write the leg's velocity to ``walker.vx_mps`` and ``vy_mps``, its end to ``x_m``, ``y_m``
+        and ``t_us`` (see ``go_on``, ``go_to`` and ``stay``). Draw from ``stream`` only, with
+        ``uniform`` and the like from ``model.random.streams``. ``area`` is the map.
+        """
+        raise NotImplementedError
+
+    def walks(
+        self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
+    ) -> Walks:
+        """Draw the walks of one episode, with one random stream per user."""
+        return RowWalks(self, homes, streams.states(len(homes)), area, horizon_us).drawn()
+
+    def from_here(self) -> RowMobility:
+        """Return this model as it goes on for users who are at given places ("homes").
+
+        A model that chooses itself where users begin returns one that begins at their homes.
+        """
+        return self
+
+    def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
+        """Return an estimate of all users' legs in this time; by default one each ten seconds."""
+        return users * (1.0 + horizon_s / 10.0)
+
+
+def from_here(mobility: Any) -> Any:
+    """Return a mobility model as it goes on for users who are at given places ("homes")."""
+    return mobility.from_here() if isinstance(mobility, RowMobility) else mobility
+
+
+# ---- what models do with walkers
+
+
+@rule
+def later(t_us: int, seconds: float) -> int:
+    """Return a time some seconds later, and at least one and at most 2^61 microseconds."""
+    return t_us + max(int(min(np.rint(seconds * 1e6), FAR_US)), 1)
+
+
+@rule
+def stay(walker: Any, until_us: int) -> None:
+    """Let a user stand still until a time."""
+    walker.vx_mps = walker.vy_mps = 0.0
+    walker.t_us = until_us
+
+
+@rule
+def go_to(walker: Any, x_m: float, y_m: float, speed_mps: float) -> None:
+    """Let a user walk straight to a place on the map, at a speed above 0."""
+    away_x_m, away_y_m = x_m - walker.x_m, y_m - walker.y_m
+    far_m = math.sqrt(away_x_m * away_x_m + away_y_m * away_y_m)
+    go_until(walker, x_m, y_m, later(walker.t_us, far_m / speed_mps))
+
+
+@rule
+def go_until(walker: Any, x_m: float, y_m: float, until_us: int) -> None:
+    """Let a user walk straight to a place on the map, where it arrives at a time."""
+    lasts_us = until_us - walker.t_us
+    walker.vx_mps = (x_m - walker.x_m) / (lasts_us * 1e-6)
+    walker.vy_mps = (y_m - walker.y_m) / (lasts_us * 1e-6)
+    walker.x_m, walker.y_m = x_m, y_m
+    walker.t_us = until_us
+
+
+@rule
+def go_on(walker: Any, area: Any, until_us: int) -> None:
+    """Let a user walk on at its velocity until a time, or until it reaches the edge of the map.
+
+    If it is at the edge and would leave the map, it is reflected first.
+    """
+    x, y, vx, vy = walker.x_m, walker.y_m, walker.vx_mps, walker.vy_mps
+    lasts_us = until_us - walker.t_us
+    walker.x_m, walker.y_m = x + vx * lasts_us * 1e-6, y + vy * lasts_us * 1e-6
+    walker.t_us += lasts_us
+    inside = (walker.x_m > NEAR_M) & (walker.x_m < area.width_m - NEAR_M)
+    if not (inside & (walker.y_m > NEAR_M) & (walker.y_m < area.depth_m - NEAR_M)):
+        _go_to_wall(walker, area, x, y, lasts_us)
+
+
+@rule
+def _go_to_wall(walker: Any, area: Any, x: float, y: float, lasts_us: int) -> None:
+    """Let a user who is on the way from (x, y) to the edge of the map, or past it, stop there."""
+    vx, wall_x, hit_us = _next_wall(x, walker.vx_mps, area.width_m, lasts_us)
+    vy, wall_y, hit_us = _next_wall(y, walker.vy_mps, area.depth_m, hit_us)
+    x = min(max(x + vx * hit_us * 1e-6, 0.0), area.width_m)
+    y = min(max(y + vy * hit_us * 1e-6, 0.0), area.depth_m)
+    if wall_y >= 0.0:
+        y = wall_y
+    elif wall_x >= 0.0:
+        x = wall_x
+    walker.x_m, walker.y_m, walker.vx_mps, walker.vy_mps = x, y, vx, vy
+    walker.t_us += hit_us - lasts_us
+
+
+@part
+def _next_wall(at: float, velocity: float, size: float, most_us: int) -> tuple[float, float, int]:
+    """Return velocity, next wall and time to it along one axis; at a wall, reflect the velocity.
+
+    The wall is -1 if none is reached within ``most_us``.
+    """
+    if velocity == 0.0:
+        return velocity, -1.0, most_us
+    wall = size if velocity > 0.0 else 0.0
+    if at == wall:
+        velocity = -velocity
+        wall = size - wall
+    if abs(wall - at) > abs(velocity) * most_us * 1e-6 + 1.0:
+        return velocity, -1.0, most_us  # far away: no need to divide
+    hit = (wall - at) / velocity * 1e6
+    if hit < most_us:
+        return velocity, wall, max(int(np.rint(hit)), 1)
+    return velocity, -1.0, most_us
+
+
+# ---- legs of a span of time
+
+
+def _begin_by(begin: Callable[..., None]) -> Callable[..., None]:
+    """Return a function that puts all users where they are at time 0."""
+
+    def begin_all(mobility: Any, walking: Any, homes: Any, streams: Any) -> None:
+        walking.begun = 1
+        area = Area(walking.width_m, walking.depth_m)
+        for user in range(len(walking.walkers)):
+            walker = walking.walkers[user]
+            walker.x_m, walker.y_m = homes[2 * user], homes[2 * user + 1]
+            begin_stream(walker.stream, streams, 4 * user)
+            begin(mobility, walker, user, homes, streams, area)
+
+    return begin_all
+
+
+def _walk_by(
+    next_leg: Callable[..., None],
+    stays_on_map: bool,
+    held: Callable[[Any], Any] = lambda walker: walker,
+    put_back: Callable[[Any, Any], None] = lambda walker, held: None,
+) -> Callable[..., None]:
+    """Return a function that writes all legs of a span, beginning with those under way.
+
+    Spans follow one another. The function ends at once if a leg is invalid. Compiled code works on
+    a copy of each walker (``held``), which is in registers.
+    """
+
+    def walk(mobility: Any, walking: Any, start_us: int, end_us: int) -> None:
+        area = Area(walking.width_m, walking.depth_m)
+        first_us = min(start_us + 1, walking.horizon_us)
+        last_us = min(end_us + 1, walking.horizon_us)
+        legs, count, most = walking.legs, 0, len(walking.legs) // LEG_COLUMNS
+        for user in range(len(walking.walkers)):
+            walker = held(walking.walkers[user])
+            while True:
+                if walker.t_us >= first_us:
+                    if count < most:
+                        leg = LEG_COLUMNS * count
+                        legs[leg + T0_US] = float(walker.from_us)
+                        legs[leg + X0], legs[leg + Y0] = walker.from_x_m, walker.from_y_m
+                        legs[leg + VX], legs[leg + VY] = walker.vx_mps, walker.vy_mps
+                    count += 1
+                    if walker.t_us >= last_us:
+                        break
+                walker.from_us = walker.t_us
+                walker.from_x_m, walker.from_y_m = walker.x_m, walker.y_m
+                next_leg(mobility, walker, walker.stream, area)
+                takes_time = walker.t_us > walker.from_us
+                if not takes_time or not (stays_on_map or _leads_on(walker, area)):
+                    walking.lost = user + 1
+                    break
+            put_back(walking.walkers[user], walker)
+            if walking.lost:
+                return
+            walking.legs_at[user + 1] = min(count, most)
+        walking.count = count
+
+    return walk
+
+
+@rule
+def _leads_on(walker: Any, area: Any) -> Any:
+    """Return whether a leg's velocity leads to its end, and this is on the map."""
+    lasts_us = walker.t_us - walker.from_us
+    apart_m = abs(walker.from_x_m + walker.vx_mps * lasts_us * 1e-6 - walker.x_m)
+    apart_m += abs(walker.from_y_m + walker.vy_mps * lasts_us * 1e-6 - walker.y_m)
+    return (
+        (apart_m <= NEAR_M)
+        & (abs(walker.x_m - 0.5 * area.width_m) <= 0.5 * area.width_m + STRAY_M)
+        & (abs(walker.y_m - 0.5 * area.depth_m) <= 0.5 * area.depth_m + STRAY_M)
+    )
+
+
+def misstep(mobility: Any, walking: Any) -> SimulationError:
+    """Return the error of an invalid leg: it takes no time, leaves the map or misses its end."""
+    user = walking.lost - 1
+    walker = walking.walkers[user]
+    at_s, x_m, y_m = walker.t_us / 1e6, walker.x_m, walker.y_m
+    if walker.t_us <= walker.from_us:
+        problem = f"the leg of user {user} that begins at {walker.from_us / 1e6:g} s takes no time"
+    elif off_map(x_m, y_m, walking):
+        problem = (
+            f"user {user} is off the map of {walking.width_m:g} x {walking.depth_m:g} m "
+            f"at {at_s:g} s: ({x_m:g}, {y_m:g}) m"
+        )
+    else:
+        problem = f"the velocity of user {user} does not lead to where it is at {at_s:g} s"
+    return SimulationError(f"users.mobility: {kind_of(mobility)!r}: {problem}")
+
+
+def off_map(x_m: Any, y_m: Any, area: Any) -> Any:
+    """Return whether places are off the map, by more than rounding."""
+    on_map = (x_m >= -STRAY_M) & (x_m <= area.width_m + STRAY_M)
+    on_map &= (y_m >= -STRAY_M) & (y_m <= area.depth_m + STRAY_M)
+    return np.logical_not(on_map)
+
+
+# ---- walks of a whole episode
+
+
+@cache
+def walking_of(mobility: Any) -> Any:
+    """Return the class of rows for the walks by a class of models."""
+    kinds = {**Walking.kinds, "walkers": Table[remembering(Walker, mobility)]}  # type: ignore[misc]
+    return row(type("Walking", (Row,), {"__annotations__": kinds}))
+
+
+def _around(cls: Any, values_at: Any) -> Any:
+    """Return the function ``walk`` of a class of models (see ``Function.around``)."""
+    walk_on = ruled(_walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back))
+    begin_all, words = ruled(_begin_by(ruled(cls.begin))), remembering(Walker, cls).words
+    owner = owner_of(cls)
+    walking_at = pointer_to(walking_of(cls), owner)
+    floats_at, words_at = entries_at(float, owner), entries_at(int, owner)
+
+    def walk(values: int, at: int, homes: int, streams: int, start_us: int, end_us: int) -> None:
+        walking = walking_at(at)
+        if not walking.begun:
+            users = len(walking.walkers)
+            memory = words_at(place_of(walking.walkers), users * words)
+            numbers = as_array(memory, (users * words,))  # which may alias all fields
+            for k in range(users * words):
+                numbers[k] = 0
+            places, states = floats_at(homes, 2 * users), words_at(streams, 4 * users)
+            begin_all(values_at(values), walking, places, states)
+        walk_on(values_at(values), walking, start_us, end_us)
+
+    return walk
+
+
+WALK = Function("walk", _around, (int,) * 6)
+"""The function of a model that writes the legs of a span of time, after it has begun the walks.
+
+Its arguments are the addresses of the model's values, of the Walking, of the users' homes and of
+the initial states of their random streams, and then the start and the end of the span.
+"""
+
+
+def compiled_walk(mobility: Any) -> Compiled | None:
+    """Return the function WALK of a model over rows; None for others and if it is not compiled."""
+    if not works_on_rows(mobility, RowMobility):
+        return None
+    return compiled_or_none("users.mobility", mobility, (WALK,))
+
+
+@dataclass(frozen=True, eq=False)
+class RowWalks(Unchanging):
+    """Walks over rows, whose legs are drawn only when they are needed.
+
+    ``states`` (users, 4) are the initial states of the users' random streams. The compiled engine
+    needs no more than these; it draws the legs itself, step by step.
+    """
+
+    mobility: RowMobility
+    homes: NDArray[np.float64]
+    states: NDArray[np.uint64]
+    area: Area
+    horizon_us: int
+
+    def drawn(self) -> Walks:
+        """Draw the legs and return the walks. Raises SimulationError if a leg is invalid."""
+        return self._walks
+
+    @cached_property
+    def _walks(self) -> Walks:
+        users = len(self.homes)
+        most = int(self.mobility.expected_legs(users, self.area, self.horizon_us / 1e6)) + 8 * users
+        offsets = np.zeros(users + 1, np.int64)
+        while True:
+            legs = np.empty((most, LEG_COLUMNS))
+            walking = self._walk(legs, offsets)
+            if walking.lost:
+                raise misstep(self.mobility, walking)
+            if walking.count <= most:
+                return Walks(legs[: walking.count], offsets)
+            most = walking.count
+
+    def _walk(self, legs: NDArray[np.float64], offsets: NDArray[np.int64]) -> Any:
+        """Write the legs of the episode, and return the Walking."""
+        model: Any = type(self.mobility)
+        cls: Any = walking_of(model)
+        own: Any = held_by(cls.kinds["walkers"])
+        made = compiled_walk(self.mobility)
+        block = np.zeros(cls.words + len(self.homes) * own.words, np.int64)
+        walking: Any = View(block, cls) if made else blank(cls)
+        walking.width_m, walking.depth_m = self.area
+        walking.horizon_us = self.horizon_us
+        if made is None:
+            walking.legs, walking.legs_at = legs.reshape(-1), offsets
+            walking.walkers = Table(blank(own) for _ in self.homes)
+            mobility = over_rows(self.mobility, ())
+            arrays, owner = (self.homes, self.states), owner_of(model)
+            at, words = (BoundedTable(array.reshape(-1).tolist()) for array in arrays)
+            if owner:
+                bound(walking)
+            naming(owner, _begin_by(model.begin))(mobility, walking, at, words)
+            walk = naming(owner, _walk_by(model.next_leg, model.stays_on_map))
+            walk(mobility, walking, 0, self.horizon_us)
+            return walking
+        for name, array in (("walkers", block[cls.words :]), ("legs", legs), ("legs_at", offsets)):
+            attach(block, cls, name, array)
+        homes, states = map(np.ascontiguousarray, (self.homes, self.states))
+        places = (made.values, block, homes, states)
+        call_at(made.functions["walk"], (*map(place, places), 0, self.horizon_us))
+        return walking
+
+
+@dataclass(frozen=True, eq=False)
+class ManyRowWalks(Sequence[RowWalks]):
+    """The walks over rows in several episodes; ``states`` has the shape (episodes, users, 4)."""
+
+    mobility: RowMobility
+    homes: NDArray[np.float64]
+    states: NDArray[np.uint64]
+    area: Area
+    horizon_us: int
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    def __getitem__(self, k: Any) -> Any:
+        """Return the walks of episode k."""
+        return RowWalks(self.mobility, self.homes, self.states[k], self.area, self.horizon_us)

@@ -1,0 +1,1 @@
+"""How drones fly: from cell to cell, or freely in straight legs; wind, speeds and ways home."""

@@ -1,0 +1,1 @@
+"""Random streams, numbers that are functions of counters, and distributions."""

@@ -1,0 +1,188 @@
+"""What is used of Numba that is not its public interface.
+
+``tests/rowcode/test_kernels.py`` names the versions of Numba for which this holds.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import llvmlite.binding
+import llvmlite.ir
+import numba
+import numpy as np
+from numba.core import caching, errors, lowering, serialize
+from numba.core import cgutils as _cgutils
+from numba.core import codegen as _codegen
+from numba.core import compiler as _compiler
+from numba.core import types as _types
+from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
+from numba.core.imputils import Registry
+from numba.core.typing import templates as _templates
+from numba.np import arrayobj as _arrayobj
+
+from desim_uav.rowcode.bounds import NOTE, NOTE_AT, OutsideError, Place, own_class
+
+types: Any = _types
+cgutils: Any = _cgutils
+ir: Any = llvmlite.ir
+signature: Any = _templates.signature
+populate_array: Any = _arrayobj.populate_array
+_Code: Any = _codegen.JITCodeLibrary
+_Compiler: Any = _compiler.Compiler
+dumps: Any = serialize.dumps
+TypingError: Any = errors.TypingError
+FunctionCache: Any = caching.FunctionCache
+AttributeTemplate: Any = _templates.AttributeTemplate
+
+WITHOUT_COUNTING: dict[str, Any] = {"_nrt": False}
+"""An option of ``njit``: what makes no arrays need not count references to those it is given. Said
+of each kernel: on disk it is the same whether Python has called it first, or another kernel."""
+
+
+VERSIONS = (numba.__version__, llvmlite.__version__, np.__version__)
+"""The versions of the packages by which functions are compiled."""
+
+SETTINGS = (
+    *("OPT", "BOUNDSCHECK", "DEBUGINFO_DEFAULT", "EXTEND_VARIABLE_LIFETIMES", "LOOP_VECTORIZE"),
+    *("SLP_VECTORIZE", "USING_SVML", "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS", "DEBUG_NRT"),
+)
+
+
+def settings() -> list[str]:
+    """Return the settings of Numba (``NUMBA_OPT`` and so on) that machine code depends on."""
+    return [f"{name} {getattr(numba.config, name, None)!s}" for name in SETTINGS]
+
+
+def keep_in(cache: Any, compiled: Any) -> None:
+    """Let a compiled function keep its machine code in a cache."""
+    compiled._cache = cache
+
+
+def let_kernels_call(inner: Any, compiled: Any) -> None:
+    """Let kernels call ``inner``, whose code becomes part of theirs, in place of a kernel."""
+    compiled.get_call_template, compiled.get_overload = inner.get_call_template, inner.get_overload
+
+
+def cache_of(compiled: Any) -> Any:
+    """Return the cache of a compiled function."""
+    return compiled._cache
+
+
+def is_registry(value: Any) -> bool:
+    """Return whether a value is one of Numba's registries, in which functions are entered."""
+    return isinstance(value, Registry)
+
+
+def is_compiled(value: Any) -> bool:
+    """Return whether a value is a function with a decorator of Numba, and not another object."""
+    return isinstance(value, Dispatcher | _Intrinsic)
+
+
+def name_of_type(value: Any) -> str:
+    """Return the full name of a type of compiled code or LLVM, or "" if there is none."""
+    if not isinstance(value, _types.Type | llvmlite.ir.Type | llvmlite.ir.Constant):
+        return ""
+    name = str(getattr(value, "name", value))
+    return "" if "jitclass" in name or " at 0x" in name else name
+
+
+def overloads_of(function: Any) -> list[tuple[Any, Any]]:
+    """Return the functions that compile in the place of a function, each with its options."""
+    known = [kind for value, kind in _templates.builtin_registry.globals if value is function]
+    templates = [one for kind in known for one in getattr(kind, "templates", ())]
+    return [(one._overload_func, one._jit_options) for one in templates]
+
+
+def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
+    """Return the address of the machine code for arguments of these types.
+
+    It is called as compiled code calls a function, and returns whether it has ended by an error.
+    """
+    compiled.compile(arguments)
+    found = compiled.overloads[arguments]
+    return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+
+
+llvmlite.binding.add_symbol(NOTE, NOTE_AT)
+
+
+def fail_outside(
+    context: Any, builder: Any, owner: str, of: str, place: Place, met: tuple[Any, Any]
+) -> None:
+    """End a function by OutsideError, whose arguments these are."""
+    kind = ir.FunctionType(ir.VoidType(), [one.type for one in met])
+    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE), met)
+    context.call_conv.return_user_exc(builder, OutsideError, (owner, of, place))
+
+
+def _check_array(context: Any, builder: Any, k: Any, size: Any, axis: int = 0) -> None:
+    """In the place of Numba's check, whose error has no place: end a function by OutsideError.
+
+    Numba has added the size to a negative index, and calls this where ``boundscheck`` is set.
+    """
+    with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", k, size)):
+        negative = builder.icmp_signed("<", k, k.type(0))
+        told = builder.select(negative, builder.sub(k, size), k)
+        place, owner = _function_lowered()
+        fail_outside(context, builder, owner, f"axis {axis}", place, (told, size))
+
+
+cgutils.do_boundscheck = _check_array
+
+
+def place_lowered() -> Place:
+    """Return the place in the source that is being made machine code by a caller of this."""
+    return _function_lowered()[0]
+
+
+def _function_lowered() -> tuple[Place, str]:
+    """Return that place, and the component of one's own that its function is a method of."""
+    frame: Any = sys._getframe(1)
+    while not isinstance(one := frame.f_locals.get("self"), lowering.BaseLower):
+        frame = frame.f_back
+    lower: Any = one
+    function = lower.func_ir.func_id.func
+    code = function.__code__
+    return (code.co_filename, lower.loc.line, code.co_qualname), own_class(
+        function.__module__, code.co_qualname
+    )
+
+
+class InnerCode(_Code):  # type: ignore[misc]
+    """The code of a function that only kernels call: optimised and made machine code with theirs.
+
+    Numba would do both for each such function by itself too, and again for each of its callers.
+    """
+
+    def _optimize_final_module(self) -> None: ...
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return 0: there is no machine code."""
+        self._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        """Return what has ``set_env``, which there is no machine code for either."""
+        return InnerCode
+
+    @staticmethod
+    def set_env(name: str, env: Any) -> None:
+        """Do nothing."""
+
+
+class InnerCompiler(_Compiler):  # type: ignore[misc]
+    """Numba's compiler, which makes InnerCode."""
+
+    def define_pipelines(self) -> Any:
+        """Return Numba's passes."""
+        name = self.state.func_id.func_qualname
+        self.state.library = InnerCode(self.state.targetctx.codegen(), name)
+        return super().define_pipelines()

@@ -1,0 +1,439 @@
+"""Rows with named fields, which are objects in Python and pieces of memory in compiled code.
+
+A class of rows is declared by its annotations::
+
+    @row
+    class Drone(Row):
+        battery_us: int
+        waiting: Queue[int]
+
+In Python a row is an object with slots, and a ``Table`` or a ``Queue`` is a list. In compiled code
+a row is a pointer to its fields, of eight bytes (a word) each, which are accessed by name, as in
+``drone.battery_us`` (see ``rowcode.compiled_rows``). One function over rows therefore runs in both.
+
+A row stores the positions of its tables as their distances from itself. A block of memory with a
+row and all its tables can therefore be copied, pickled and moved as it is.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Iterable
+from functools import cache
+from typing import Any, ClassVar, Generic, TypeVar, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.rowcode.bounds import (
+    A_QUEUE,
+    A_TABLE,
+    CHECKED,
+    INSERT,
+    POP,
+    REMOVE,
+    require_inside,
+)
+
+T = TypeVar("T")
+R = TypeVar("R", bound="Row")
+
+Words = NDArray[np.int64]
+"""A block of memory in words of eight bytes, some of which are floats."""
+
+
+class Table(list[T], Generic[T]):
+    """A list of rows or numbers whose length does not change.
+
+    A field may hold an array in its place: of numbers, or of rows of whole numbers.
+    """
+
+    __slots__ = ()
+
+
+class Queue(list[T], Generic[T]):
+    """A list of rows or numbers whose length changes.
+
+    Compiled code has memory for ``buffer`` entries. If more are added, it drops them and sets
+    ``overrun``. ``of`` is the type of the entries.
+    """
+
+    __slots__ = ("buffer", "of")
+    overrun = 0
+
+    def __init__(self, values: Iterable[T] = (), buffer: int = 0, of: Any = None) -> None:
+        super().__init__(values)
+        self.buffer, self.of = buffer, of
+
+    def added(self) -> T:
+        """Append a new row and return it; the caller must set all its fields."""
+        one: T = self.of()
+        self.append(one)
+        return one
+
+
+class BoundedTable(Table[T]):
+    """A table that checks each index; a negative one is refused, as in compiled code."""
+
+    __slots__ = ()
+
+    def __getitem__(self, k: Any) -> Any:
+        """Return an entry. Raises OutsideError if there is none."""
+        if k.__class__ is not int or not 0 <= k < len(self):
+            require_inside(k, len(self), A_TABLE)
+        return list.__getitem__(self, k)
+
+    def __setitem__(self, k: Any, value: Any) -> None:
+        """Change an entry. Raises OutsideError if there is none."""
+        require_inside(k, len(self), A_TABLE)
+        list.__setitem__(self, k, value)
+
+
+class BoundedQueue(Queue[T]):
+    """A queue that checks each index, as a BoundedTable does."""
+
+    __slots__ = ()
+
+    def __getitem__(self, k: Any) -> Any:
+        """Return an entry. Raises OutsideError if there is none."""
+        if k.__class__ is not int or not 0 <= k < len(self):
+            require_inside(k, len(self), A_QUEUE)
+        return list.__getitem__(self, k)
+
+    def __setitem__(self, k: Any, value: Any) -> None:
+        """Change an entry. Raises OutsideError if there is none."""
+        require_inside(k, len(self), A_QUEUE)
+        list.__setitem__(self, k, value)
+
+    def pop(self, *place: Any) -> Any:
+        """Return the last entry and remove it. Raises OutsideError if there is none."""
+        if not place:
+            require_inside(len(self) - 1, len(self), A_QUEUE, POP)
+        return list.pop(self, *place)
+
+    def insert(self, place: Any, value: Any) -> None:
+        """Insert an entry before another one, or at the end. Raises OutsideError elsewhere."""
+        require_inside(place, len(self) + 1, A_QUEUE, INSERT)
+        list.insert(self, place, value)
+
+    def remove(self, value: Any) -> None:
+        """Remove the first entry that equals a value. Raises OutsideError if there is none."""
+        if value not in self:
+            require_inside(len(self), len(self), A_QUEUE, REMOVE)
+        list.remove(self, value)
+
+
+if CHECKED:
+    for _plain, _bounded in ((Table, BoundedTable), (Queue, BoundedQueue)):
+        for _name in ("__getitem__", "__setitem__", "pop", "insert", "remove"):
+            if _name in vars(_bounded):
+                setattr(_plain, _name, vars(_bounded)[_name])
+
+
+class Row:
+    """The base of all rows. A field is an int, a float, another row, a Table or a Queue."""
+
+    __slots__ = ()
+    kinds: ClassVar[dict[str, Any]] = {}
+    """The type of each field, by name."""
+    places: ClassVar[dict[str, int]] = {}
+    """The number of the word at which each field begins, by name."""
+    words: ClassVar[int] = 0
+    """The length of a row in memory, in words, without the entries of its tables."""
+
+
+def row(cls: type[R]) -> type[R]:
+    """Return a class with annotations as a class of rows, with slots and a layout in memory."""
+    names = tuple(cls.__annotations__)
+    body = {key: part for key, part in vars(cls).items() if key not in ("__dict__", "__weakref__")}
+    made: Any = type(cls.__name__, cls.__bases__, {**body, "__slots__": names})
+    hints = get_type_hints(made)
+    made.kinds, made.places, at = {name: hints[name] for name in names}, {}, 0
+    for name, kind in made.kinds.items():
+        made.places[name] = at
+        at += _words_of(kind)
+    made.words = at
+    return made  # type: ignore[no-any-return]
+
+
+def is_row(kind: Any) -> bool:
+    """Return whether a type is a class of rows."""
+    return isinstance(kind, type) and issubclass(kind, Row)
+
+
+def origin_of(kind: Any) -> Any:
+    """Return Table or Queue for a type of these, else None; it takes less time than typing's."""
+    return getattr(kind, "__origin__", None)
+
+
+def held_by(kind: Any) -> Any:
+    """Return the type of the entries of a type of tables or queues."""
+    return kind.__args__[0]
+
+
+def width_of(kind: Any) -> int:
+    """Return the length of an entry of this type in a table, in words."""
+    return kind.words if is_row(kind) else 1
+
+
+@cache
+def layout_of(cls: type[Row]) -> str:
+    """Return the layout in memory of a class of rows, and of the rows in its fields, as text."""
+    fields = [(name, str(kind), cls.places[name]) for name, kind in cls.kinds.items()]
+    kinds = (held_by(kind) if origin_of(kind) else kind for kind in cls.kinds.values())
+    inner = [layout_of(kind) for kind in kinds if is_row(kind)]
+    return f"{cls.__module__}.{cls.__qualname__} {cls.words} {fields} {inner}"
+
+
+TABLE_WORDS, QUEUE_WORDS = 2, 4
+"""The words of a table: distance to its entries, and count; a queue adds its buffer and overrun."""
+
+
+def _words_of(kind: Any) -> int:
+    """Return the length of a field of this type, in words."""
+    origin = origin_of(kind)
+    if origin is Table:
+        return TABLE_WORDS
+    return QUEUE_WORDS if origin is Queue else width_of(kind)
+
+
+def blank(cls: type[R]) -> R:
+    """Return a row of a class whose numbers are 0 and whose tables are empty."""
+    made: Any = cls()
+    for name, kind in cls.kinds.items():
+        origin = origin_of(kind)
+        if is_row(kind):
+            value = blank(kind)
+        elif origin is Queue:
+            value = Queue(of=held_by(kind))
+        else:
+            value = Table() if origin is Table else kind(0)
+        setattr(made, name, value)
+    return made  # type: ignore[no-any-return]
+
+
+def fill(cls: type[R], values: Iterable[Any]) -> R:
+    """Return a row of a class with these values, in the order of its fields."""
+    made = cls()
+    for name, value in zip(cls.kinds, values, strict=True):
+        setattr(made, name, value)
+    return made
+
+
+@cache
+def _has_tables(cls: type[Row]) -> bool:
+    """Return whether rows of a class have tables or queues, or rows that have some."""
+    return any(
+        origin_of(kind) or (is_row(kind) and _has_tables(kind)) for kind in cls.kinds.values()
+    )
+
+
+def bound(*rows: Row) -> None:
+    """Let all tables and queues of rows, and of the rows in them, check each index from now on.
+
+    In the SimPy engine a field of a row may hold another object of Python, or None; it is left out.
+    """
+    for one in rows:
+        if not isinstance(one, Row):
+            continue
+        for name, kind in one.kinds.items():
+            value = getattr(one, name)
+            if is_row(kind):
+                bound(value)
+            elif origin_of(kind):
+                bound_table(value)
+                if is_row(held_by(kind)) and _has_tables(held_by(kind)):
+                    bound(*value)
+
+
+def bound_table(table: Any) -> None:
+    """Let a table or queue check each index from now on; an array does so itself."""
+    if type(table) is Table:
+        table.__class__ = BoundedTable
+    elif type(table) is Queue:
+        table.__class__ = BoundedQueue
+
+
+@cache
+def named(cls: type[Row]) -> Any:
+    """Return a class of tuples with the fields of a row."""
+    return namedtuple(cls.__name__, list(cls.kinds))
+
+
+# ---- as memory
+
+
+def packed(one: Row) -> Words:
+    """Return a block of memory that begins with a row, followed by the entries of its tables."""
+    block = np.zeros(_size(one), np.int64)
+    _Packer(block).pack(one)
+    return block
+
+
+def _size(one: Row) -> int:
+    """Return the length of a row and of its tables' entries, in words."""
+    return one.words + _size_behind(one)
+
+
+def _size_behind(one: Row) -> int:
+    """Return the length of the entries of a row's tables, in words."""
+    total = 0
+    for name, kind in one.kinds.items():
+        value = getattr(one, name)
+        if is_row(kind):
+            total += _size_behind(value)
+        elif origin_of(kind) is not None:
+            of = held_by(kind)
+            total += _length(kind, value) * width_of(of)
+            if is_row(of) and not isinstance(value, np.ndarray):
+                total += sum(_size_behind(each) for each in value)
+    return total
+
+
+def _length(kind: Any, value: Any) -> int:
+    """Return the number of entries with memory: a queue has a spare one, written if it overruns."""
+    return len(value) if origin_of(kind) is Table else max(value.buffer, len(value)) + 1
+
+
+class _Packer:
+    """Writes rows into a block, and the entries of their tables behind all that is written."""
+
+    def __init__(self, block: Words) -> None:
+        self.block, self.floats = block, block.view(np.float64)
+        self.end = 0
+
+    def pack(self, one: Row) -> None:
+        """Write a row at the start of the block, and all its tables."""
+        self.end = one.words
+        self._write(one, 0)
+
+    def _write(self, one: Row, at: int) -> None:
+        """Write a row at a word of the block, and its tables behind everything."""
+        for name, kind in one.kinds.items():
+            place, value = at + one.places[name], getattr(one, name)
+            if is_row(kind):
+                self._write(value, place)
+            elif origin_of(kind) is not None:
+                base = at if origin_of(kind) is Table else place
+                header = [8 * (self.end - base), len(value)]
+                if origin_of(kind) is Queue:
+                    header += [max(value.buffer, len(value)), 0]
+                self.block[place : place + len(header)] = header
+                self._write_all(kind, value)
+            else:
+                self._numbers(kind)[place] = value
+
+    def _write_all(self, kind: Any, values: Any) -> None:
+        """Write the entries of a table or queue behind everything."""
+        of, begin = held_by(kind), self.end
+        self.end += _length(kind, values) * width_of(of)
+        if isinstance(values, np.ndarray):
+            self._numbers(of)[begin : begin + values.size] = values.reshape(-1)
+        elif is_row(of):
+            for k, value in enumerate(values):
+                self._write(value, begin + k * of.words)
+        elif len(values):
+            self._numbers(of)[begin : begin + len(values)] = values
+
+    def _numbers(self, kind: Any) -> Any:
+        """Return the block as an array of this type of numbers."""
+        return self.floats if kind is float else self.block
+
+
+def attach(block: Words, cls: type[Row], name: str, array: NDArray[Any]) -> None:
+    """Let a table of the row at the beginning of a block be an array, which stays where it is."""
+    at, width = cls.places[name], width_of(held_by(cls.kinds[name]))
+    block[at : at + TABLE_WORDS] = place(array) - place(block), array.size // width
+
+
+def place(array: NDArray[Any]) -> int:
+    """Return the address of an array's memory."""
+    return int(array.ctypes.data)
+
+
+# ---- blocks of memory in Python
+
+
+class View:
+    """A row in a block of memory; its fields are read by name, its tables as arrays or views."""
+
+    __slots__ = ("_at", "_block", "_kept")
+
+    def __new__(cls, block: Words, of: Any, at: int = 0) -> Any:
+        """Return a view of the row of class ``of`` at a word, whose fields are properties."""
+        return super().__new__(_view_class(of))
+
+    def __init__(self, block: Words, of: type[Row], at: int = 0) -> None:
+        self._block, self._at = block, at
+        self._kept: dict[str, Any] = {}
+
+
+@cache
+def _view_class(of: type[Row]) -> Any:
+    """Return the class of views of a class of rows."""
+    fields = {name: _field(of, name) for name in of.kinds}
+    return type(f"{of.__name__}View", (View,), {"__slots__": (), **fields})
+
+
+def _field(cls: type[Row], name: str) -> property:
+    """Return the property of views that reads and writes a field."""
+    kind, offset = cls.kinds[name], cls.places[name]
+
+    def read(view: Any) -> Any:
+        block, place = view._block, view._at + offset
+        if kind is int:
+            return block.item(place)
+        if kind is float:
+            return block[place : place + 1].view(np.float64).item()
+        if is_row(kind):
+            return View(block, kind, place)
+        if name in view._kept:
+            return view._kept[name]
+        of = held_by(kind)
+        entries: Any = array_of(block, cls, name, view._at)
+        if is_row(of):
+            begin = (entries.ctypes.data - block.ctypes.data) // 8
+            entries = [View(block, of, begin + k * of.words) for k in range(len(entries))]
+        if origin_of(kind) is Table:  # whose length does not change
+            view._kept[name] = entries
+        return entries
+
+    def write(view: Any, value: Any) -> None:
+        block, place = view._block, view._at + offset
+        if kind in (int, float):
+            block[place : place + 1].view(np.float64 if kind is float else np.int64)[0] = value
+        elif origin_of(kind) is Queue:
+            of, begin = held_by(kind), place + int(block[place]) // 8
+            written = np.array(list(value), dtype_of(of) if is_row(of) else of).view(np.int64)
+            block[place + 1], block[begin : begin + written.size] = len(value), written
+        else:
+            raise AttributeError(f"{cls.__name__}.{name} is no number")
+
+    return property(read, write)
+
+
+def array_of(block: Words, cls: type[Row], name: str, at: int = 0) -> NDArray[Any]:
+    """Return a table or queue of the row at word ``at`` as a (structured) array over its memory."""
+    kind, place = cls.kinds[name], at + cls.places[name]
+    base = at if origin_of(kind) is Table else place
+    begin, count = base + int(block[place]) // 8, int(block[place + 1])
+    of = held_by(kind)
+    words = block[begin : begin + count * width_of(of)]
+    return words.view(dtype_of(of) if is_row(of) else np.float64 if of is float else np.int64)
+
+
+@cache
+def dtype_of(cls: type[Row]) -> np.dtype[Any]:
+    """Return the NumPy data type of a class of rows."""
+    formats = {int: "i8", float: "f8"}
+    return np.dtype(
+        {
+            "names": list(cls.kinds),
+            "formats": [
+                dtype_of(kind) if is_row(kind) else formats.get(kind, (np.int64, _words_of(kind)))
+                for kind in cls.kinds.values()
+            ],
+            "offsets": [8 * place for place in cls.places.values()],
+            "itemsize": 8 * cls.words,
+        }
+    )
