@@ -39,7 +39,8 @@ def rows(text):
 def test_a_table_a_part(ask, tmp_path):
     file = tmp_path / "checks.md"
     code, out, err = ask("--quick", "--markdown", file, "transit", "streams")
-    assert (code, err) == (0, f"{len(rows(out))} of {len(rows(out))} figures hold\n")
+    said = err.splitlines()[-1]  # before it, a slow machine says how far it is
+    assert (code, said) == (0, f"{len(rows(out))} of {len(rows(out))} figures hold")
     assert re.findall("^### .*", out, re.MULTILINE) == [
         "### Transits against their closed forms",
         "### Random streams against NumPy's own generators, and their independence of each other",
