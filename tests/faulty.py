@@ -95,7 +95,7 @@ class Popping(RowReward):
 
     def pay(self, world: Any, state: Any, drone: Any) -> None:
         while True:
-            drone.waiting.pop()
+            drone.waiting.pop()  # here
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,18 @@ class Removing(RowReward):
     def pay(self, world: Any, state: Any, drone: Any) -> None:
         drone.waiting.clear()
         drone.waiting.append(7)
-        drone.waiting.remove(8)
+        drone.waiting.remove(8)  # here
+
+
+@dataclass(frozen=True)
+class Inserting(RowReward):
+    """Insert beyond the end."""
+
+    names = ("users",)
+
+    def pay(self, world: Any, state: Any, drone: Any) -> None:
+        drone.waiting.clear()
+        drone.waiting.insert(2, 7)  # here
 
 
 @dataclass(frozen=True)

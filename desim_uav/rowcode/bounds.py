@@ -23,9 +23,7 @@ CHECKED = os.environ.get("DESIM_UAV_CHECK", "0") not in ("", "0")
 A_TABLE, A_QUEUE = "a table", "a queue"
 
 Place = tuple[str, int, str]
-"""A file, a line and the name of a function; for a method of queues only the name."""
-
-POP, INSERT, REMOVE = (("", 0, f"Queue.{name}") for name in ("pop", "insert", "remove"))
+"""A file, a line and the name of a function."""
 
 _met = threading.local()
 """The last index out of bounds in this thread's compiled code, and the length that it was for."""
@@ -50,8 +48,7 @@ class OutsideError(SimulationError, IndexError):
         (index, length), (file, line, function) = self.met, self.place
         what = f"IndexError: index {index} is out of bounds for {self.of} with size {length}"
         component = f"component {self.owner!r}" if self.owner else "the simulation"
-        where = f"{file}:{line}, in {function}" if file else f"in {function}"
-        return f"{component} failed: {what} ({where})"
+        return f"{component} failed: {what} ({file}:{line}, in {function})"
 
 
 def _note(index: int, length: int) -> None:
@@ -84,14 +81,14 @@ def owner_of(cls: Any) -> str:
 # ---- in Python
 
 
-def require_inside(k: Any, length: int, of: str, place: Place | None = None) -> None:
+def require_inside(k: Any, length: int, of: str) -> None:
     """Raise OutsideError for an index that is below 0, or not below the length; slices pass.
 
-    The place, if none is given, is in the innermost function outside the modules ``BETWEEN``.
+    The place is in the innermost function outside the modules ``BETWEEN``.
     """
     if not isinstance(k, slice) and not 0 <= k < length:
-        owner, found = _place()
-        raise OutsideError(owner, of, place or found, (int(k), length))
+        owner, place = _place()
+        raise OutsideError(owner, of, place, (int(k), length))
 
 
 def _place() -> tuple[str, Place]:

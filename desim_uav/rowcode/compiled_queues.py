@@ -6,13 +6,117 @@ from typing import Any
 
 from numba import extending
 
-from desim_uav.rowcode.bounds import INSERT, POP, REMOVE
-from desim_uav.rowcode.compiled_rows import Line, requiring, set_spare, set_word, spare, word
+from desim_uav.rowcode.bounds import CHECKED
+from desim_uav.rowcode.compiled_rows import (
+    I64,
+    Line,
+    Pointer,
+    infer_getattr,
+    lower_builtin,
+    set_spare,
+    set_word,
+    spare,
+    word,
+)
+from desim_uav.rowcode.numba_parts import (
+    AbstractTemplate,
+    AttributeTemplate,
+    cgutils,
+    fail_outside,
+    place_lowered,
+    signature,
+    types,
+)
 
 overload_attribute: Any = extending.overload_attribute
 overload_method: Any = extending.overload_method
 
-can_pop, can_insert, can_remove = requiring(POP), requiring(INSERT), requiring(REMOVE)
+
+# ---- methods whose indices are checked where they are called, so that a fault has its line
+
+
+class _Checked(AbstractTemplate):
+    """A method of a queue that an owner works on; ``key`` is its name, and ``this`` the queue."""
+
+    this: Line
+
+    def generic(self, arguments: Any, keywords: Any) -> Any:
+        """Return the types with which it is called, or None."""
+        kinds = [types.unliteral(kind) for kind in arguments]
+        _, found = _bare(self.context, self.this, self.key, kinds)
+        if found is None:
+            return None
+        result = found.return_type
+        if isinstance(result, Pointer):
+            result = Pointer(result.cls, self.this.owner or "")
+        return signature(result, *kinds, recvr=self.this)
+
+
+def _bare(typing: Any, line: Line, name: str, kinds: Any) -> Any:
+    """Return a method that checks nothing, and the types with which it is called, or None."""
+    method = typing.resolve_getattr(Line(line.of, None), name)
+    return method, method.get_call_type(typing, kinds, {})
+
+
+def _checked(name: str, index_of: Any) -> Any:
+    """Return a template for a method that first checks an index below a count.
+
+    ``index_of`` is compiled, and returns both, given the queue and the method's arguments.
+    """
+
+    @lower_builtin(name, Line, types.VarArg(types.Any))
+    def call(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        line, *kinds = sig.args
+        bare = Line(line.of, None)
+        asked = signature(types.UniTuple(I64, 2), bare, *kinds)
+        met = context.compile_internal(builder, index_of, asked, arguments)
+        index, count = cgutils.unpack_tuple(builder, met, 2)
+        with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", index, count)):
+            fail_outside(context, builder, line.owner, line.called, place_lowered(), (index, count))
+        method, found = _bare(context.typing_context, line, name, kinds)
+        made = context.get_function(method, found)
+        context.add_linking_libs(getattr(made, "libs", ()))
+        return made(builder, arguments)
+
+    return type(name, (_Checked,), {"key": name})
+
+
+def _last(line: Any) -> Any:
+    return len(line) - 1, len(line)
+
+
+def _place(line: Any, place: Any, value: Any) -> Any:
+    return place, len(line) + 1
+
+
+def _found(line: Any, value: Any) -> Any:
+    place = 0
+    while place < len(line) and spare(line, place) != value:
+        place += 1
+    return place, len(line)
+
+
+METHODS = {
+    "pop": _checked("pop", _last),
+    "insert": _checked("insert", _place),
+    "remove": _checked("remove", _found),
+}
+
+
+@infer_getattr
+class _Methods(AttributeTemplate):
+    """The methods of a queue that an owner works on; others have the methods below."""
+
+    key = Line
+
+    def generic_resolve(self, line: Any, name: str) -> Any:
+        """Return a method, or None."""
+        if name in METHODS and (line.owner or (CHECKED and line.owner is not None)):
+            return types.BoundFunction(METHODS[name], line)
+        return None
+
+
+# ---- methods that check nothing
 
 
 @overload_method(Line, "append")
@@ -45,7 +149,6 @@ def _added(line: Any) -> Any:
 def _pop(line: Any) -> Any:
     def pop(line: Any) -> Any:
         last = len(line) - 1
-        can_pop(line, last, len(line))
         set_word(line, 1, last)
         return spare(line, last)
 
@@ -64,7 +167,6 @@ def _clear(line: Any) -> Any:
 def _insert(line: Any, place: Any, value: Any) -> Any:
     def insert(line: Any, place: Any, value: Any) -> None:
         count = len(line)
-        can_insert(line, place, count + 1)
         if count < word(line, 2):
             for k in range(count, place, -1):
                 set_spare(line, k, spare(line, k - 1))
@@ -80,10 +182,8 @@ def _insert(line: Any, place: Any, value: Any) -> Any:
 def _remove(line: Any, value: Any) -> Any:
     def remove(line: Any, value: Any) -> None:
         place, last = 0, len(line) - 1
-        can_remove(line, place, last + 1)
         while spare(line, place) != value:
             place += 1
-            can_remove(line, place, last + 1)
         for k in range(place, last):
             set_spare(line, k, spare(line, k + 1))
         set_word(line, 1, last)

@@ -9,7 +9,7 @@ from typing import Any, get_origin
 import numpy as np
 from numba import extending
 
-from desim_uav.rowcode.bounds import A_QUEUE, A_TABLE, CHECKED, Place
+from desim_uav.rowcode.bounds import A_QUEUE, A_TABLE, CHECKED
 from desim_uav.rowcode.numba_parts import (
     AttributeTemplate,
     TypingError,
@@ -50,11 +50,13 @@ class Owned(types.Type):
 
     ``owner`` is the name of the component of one's own that works on it, or empty. What is reached
     from it has the same owner, so functions are compiled for each owner, with indices checked.
+    None is the owner of a queue whose indices have been checked.
     """
 
-    def __init__(self, name: str, owner: str) -> None:
+    def __init__(self, name: str, owner: str | None) -> None:
         self.owner = owner
-        super().__init__(name=f"{name} of {owner}" if owner else name)
+        told = " checked before" if owner is None else f" of {owner}" if owner else ""
+        super().__init__(name=f"{name}{told}")
 
 
 class Pointer(Owned):
@@ -80,7 +82,7 @@ class Line(Owned):
 
     called = A_QUEUE
 
-    def __init__(self, of: Any, owner: str = "") -> None:
+    def __init__(self, of: Any, owner: str | None = "") -> None:
         self.of = of
         super().__init__(f"Line({_name_of(of)})", owner)
 
@@ -209,7 +211,7 @@ def _require_inside(context: Any, builder: Any, kind: Any, value: Any, k: Any) -
 def _type_of_item(context: Any) -> Any:
     def typed(entries: Any, k: Any) -> Any:
         if isinstance(entries, Entries | Line) and isinstance(k, types.Integer):
-            return signature(_type_of(entries.of, entries.owner), entries, I64)
+            return signature(_type_of(entries.of, entries.owner or ""), entries, I64)
         return None
 
     return typed
@@ -234,7 +236,7 @@ def _get_entry(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
 def _type_of_set_item(context: Any) -> Any:
     def typed(entries: Any, k: Any, value: Any) -> Any:
         if isinstance(entries, Entries | Line) and not is_row(entries.of):
-            return signature(types.none, entries, I64, _type_of(entries.of, entries.owner))
+            return signature(types.none, entries, I64, _type_of(entries.of, entries.owner or ""))
         return None
 
     return typed
@@ -282,32 +284,15 @@ def _count(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 def _spare(typing_context: Any, entries: Any, k: Any) -> Any:
     """Return entry k, which may be one after the last."""
-    return _type_of(entries.of, entries.owner)(entries, I64), _get_entry
+    return _type_of(entries.of, entries.owner or "")(entries, I64), _get_entry
 
 
 def _set_spare(typing_context: Any, entries: Any, k: Any, value: Any) -> Any:
     """Change entry k, a number, which may be one after the last."""
-    kind = _type_of(entries.of, entries.owner)
+    kind = _type_of(entries.of, entries.owner or "")
     if is_row(entries.of):
         raise TypingError("an entry that is a row cannot be assigned")
     return types.none(entries, I64, kind), _set_entry
-
-
-def requiring(method: Place) -> Any:
-    """Return a function, for compiled code, by which a method of queues checks an index."""
-
-    def require(typing_context: Any, line: Any, k: Any, count: Any) -> Any:
-        def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-            _, index, length = arguments
-            if CHECKED or line.owner:
-                with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", index, length)):
-                    met = index, length
-                    fail_outside(context, builder, line.owner, line.called, method, met)
-            return context.get_dummy_value()
-
-        return types.none(line, I64, I64), generate
-
-    return intrinsic(require)
 
 
 spare, set_spare = intrinsic(_spare), intrinsic(_set_spare)

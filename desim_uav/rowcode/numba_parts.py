@@ -35,6 +35,7 @@ _Compiler: Any = _compiler.Compiler
 dumps: Any = serialize.dumps
 TypingError: Any = errors.TypingError
 FunctionCache: Any = caching.FunctionCache
+AbstractTemplate: Any = _templates.AbstractTemplate
 AttributeTemplate: Any = _templates.AttributeTemplate
 
 WITHOUT_COUNTING: dict[str, Any] = {"_nrt": False}

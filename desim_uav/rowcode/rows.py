@@ -29,9 +29,6 @@ from desim_uav.rowcode.bounds import (
     A_QUEUE,
     A_TABLE,
     CHECKED,
-    INSERT,
-    POP,
-    REMOVE,
     require_inside,
 )
 
@@ -108,18 +105,18 @@ class BoundedQueue(Queue[T]):
     def pop(self, *place: Any) -> Any:
         """Return the last entry and remove it. Raises OutsideError if there is none."""
         if not place:
-            require_inside(len(self) - 1, len(self), A_QUEUE, POP)
+            require_inside(len(self) - 1, len(self), A_QUEUE)
         return list.pop(self, *place)
 
     def insert(self, place: Any, value: Any) -> None:
         """Insert an entry before another one, or at the end. Raises OutsideError elsewhere."""
-        require_inside(place, len(self) + 1, A_QUEUE, INSERT)
+        require_inside(place, len(self) + 1, A_QUEUE)
         list.insert(self, place, value)
 
     def remove(self, value: Any) -> None:
         """Remove the first entry that equals a value. Raises OutsideError if there is none."""
         if value not in self:
-            require_inside(len(self), len(self), A_QUEUE, REMOVE)
+            require_inside(len(self), len(self), A_QUEUE)
         list.remove(self, value)
 
 

@@ -91,12 +91,11 @@ def test_arrays_of_its_module_are_checked(engine: Any, index: int):
 
 
 @pytest.mark.parametrize("engine", [Simulation, BatchSimulation])
-@pytest.mark.parametrize(("name", "index"), [("Popping", -1), ("Removing", 1)])
-def test_queues_have_no_more_than_was_put_in(engine: Any, name: str, index: int):
-    what = f"IndexError: index {index} is out of bounds for a queue with size {max(index, 0)}"
-    method = {"Popping": "pop", "Removing": "remove"}[name]
-    said = fault_of(world_with(name), engine)
-    assert said == f"component 'tests.faulty:{name}' failed: {what} (in Queue.{method})"
+@pytest.mark.parametrize(
+    ("name", "index", "size"), [("Popping", -1, 0), ("Removing", 1, 1), ("Inserting", 2, 1)]
+)
+def test_queues_have_no_more_than_was_put_in(engine: Any, name: str, index: int, size: int):
+    assert fault_of(world_with(name), engine) == words_of(name, index, size, "a queue")
 
 
 @pytest.mark.thorough
