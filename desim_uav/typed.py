@@ -174,4 +174,4 @@ _OF_OTHERS: dict[Any, Callable[[Sequence[Any]], Kind]] = {
     Mapping: lambda of: Kind(lambda value: isinstance(value, Mapping), "a mapping", "mappings"),
     Sequence: _sequence,
 }
-"""What makes the kinds of types that are of other types, by their origins."""
+"""For the origin of each generic type, the function that makes its kind from its arguments."""

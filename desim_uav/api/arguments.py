@@ -19,6 +19,7 @@ from desim_uav.api.invocation import command_line
 from desim_uav.errors import DesimWarning, UsageError
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.policies.base import policy_name
+from desim_uav.rowcode.bounds import is_own
 from desim_uav.scenario.doubts import warn_of
 from desim_uav.scenario.draft import blaming
 from desim_uav.scenario.load import Overrides, from_mapping, load, override_texts, to_plain
@@ -27,8 +28,6 @@ from desim_uav.shipped import find_scenario
 
 ScenarioLike = str | Path | Mapping[str, Any] | Scenario
 """A shipped scenario's name, a scenario file, its content as a mapping, or a loaded scenario."""
-
-OURS = f"{__name__.partition('.')[0]}."
 
 MOST_EPISODES, MOST_TRAINING = 10**6, 10**7
 MOST_SEEDS, MOST_JOBS, LAST_FIRST_SEED = 10**6, 1024, 2**62
@@ -123,7 +122,7 @@ def between(name: str, value: float, low: float, high: float) -> float:
 def warn(text: str) -> None:
     """Warn the caller of the Python interface; the command line prints it."""
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith(OURS):
+    while frame.f_back is not None and not is_own(frame.f_globals["__name__"]):
         frame, level = frame.f_back, level + 1
     warnings.warn(text, DesimWarning, stacklevel=level)
 

@@ -187,7 +187,7 @@ def file_of(name: str) -> Path | None:
 
 
 def base_of(name: str) -> str | None:
-    """Return the name of the policy that a policy improves, or None if it is not such a one."""
+    """Return the name of the policy that a policy improves, or None if it improves none."""
     found: str | None = _of_argument("base_of", name)
     return found or None
 

@@ -23,7 +23,7 @@ Columns = dict[str, dict[str, str]]
 
 
 class Program(Protocol):
-    """What is frozen: its text is its name."""
+    """A run, an episode or a training whose digests are frozen; ``str`` gives its name."""
 
     def digests(self, engine: str, columns: Columns) -> dict[str, str]:
         """Return the digest of each table."""

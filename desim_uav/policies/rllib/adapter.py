@@ -53,10 +53,8 @@ class RLlib:
 
         Raises PolicyError for an algorithm that could not be rebuilt.
         """
-        saving, policy = (
-            importlib.import_module("desim_uav.policies.rllib.saving"),
-            cls.__new__(cls),
-        )
+        saving = importlib.import_module("desim_uav.policies.rllib.saving")
+        policy = cls.__new__(cls)
         with TemporaryDirectory(prefix="desim-uav-") as scratch:
             try:
                 (Path(scratch) / NAME).write_bytes(saving.content_of(algorithm))
