@@ -11,6 +11,7 @@ import builtins
 import inspect
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -24,7 +25,8 @@ from desim_uav.typed import OneOf, Within, marks_of
 Verb = Callable[..., Any]
 Work = Callable[..., None]
 
-IN_PYTHON = re.compile(r"\s*\bIn Python\b.*", re.DOTALL)
+IN_PYTHON = "In Python"
+ENTRY = re.compile(r"    (\w+): (.+)")
 PLACES = re.compile("DIR|FILE|RUN")
 """In a metavar: the value is a path, unless it may be a name that is completed."""
 
@@ -45,7 +47,7 @@ def made(
         optional: Parameters that the command may do without; they are then None.
         also: Parameters of other verbs.
     """
-    of = {name: verb for name in inspect.signature(verb).parameters if name not in without}
+    of = {name: verb for name in parameters_of(verb) if name not in without}
     shows = of.pop("progress", None) is not None
     of |= also or {}
 
@@ -69,9 +71,15 @@ def made(
     return decorate
 
 
+@cache
+def parameters_of(verb: Verb) -> Mapping[str, inspect.Parameter]:
+    """Return the parameters of a verb by their names."""
+    return inspect.signature(verb).parameters
+
+
 def parameter_of(verb: Verb, name: str, optional: bool = False) -> inspect.Parameter:
     """Return a parameter of a verb as typer reads it."""
-    parameter, look = inspect.signature(verb).parameters[name], look_of(verb.__name__, name)
+    parameter, look = parameters_of(verb)[name], look_of(verb.__name__, name)
     hint = hint_of(verb, parameter)
     kind, default = kind_of(hint, look), parameter.default
     if optional or default == ():
@@ -135,7 +143,7 @@ def _is_sequence(hint: Any) -> bool:
 def value_of(verb: Verb, name: str, given: Any) -> Any:
     """Return what a verb is given for what was typed."""
     if given is None or given == []:
-        default = inspect.signature(verb).parameters[name].default
+        default = parameters_of(verb)[name].default
         return default if default == () else None
     if given is not None and look_of(verb.__name__, name).commas:
         return given.split(",")
@@ -165,14 +173,24 @@ def _check(marks: Sequence[Within | OneOf], flag: str) -> Callable[[Any], Any] |
 def about(verb: Verb) -> str:
     """Return what a docstring says of a command."""
     paragraphs = _parts(verb)[0].split("\n\n")
-    return "\n\n".join(one for one in paragraphs if not IN_PYTHON.match(one)).replace("``", "")
+    shown = (one for one in paragraphs if not one.startswith(IN_PYTHON))
+    return "\n\n".join(shown).replace("``", "")
 
 
+@cache
 def helps(verb: Verb) -> dict[str, str]:
     """Return what a docstring says of each parameter."""
-    entries = re.findall(r"^    (\w+): ((?:.+\n?)(?:^     +.+\n?)*)", _parts(verb)[1], re.MULTILINE)
+    found: dict[str, list[str]] = {}
+    name = ""
+    for line in _parts(verb)[1].splitlines():
+        entry = ENTRY.fullmatch(line)
+        if entry is not None:
+            name = entry[1]
+        found.setdefault(name, []).append(line.strip() if entry is None else entry[2])
+    texts = {name: " ".join(lines) for name, lines in found.items() if name}
     return {
-        name: IN_PYTHON.sub("", " ".join(text.split())).replace("``", "") for name, text in entries
+        name: f" {text}".partition(f" {IN_PYTHON}")[0].strip().replace("``", "")
+        for name, text in texts.items()
     }
 
 
