@@ -96,8 +96,9 @@ def typed(function: F, raises: type[Exception] = UsageError, names_in: str = "")
     names = tuple(inspect.signature(function).parameters)
 
     def look() -> None:
-        for name, hint in hints_of(function, names_in).items():
-            kinds[name], marks[name] = kind_of(hint), marks_of(hint)
+        hints = hints_of(function, names_in)
+        marks.update((name, marks_of(hint)) for name, hint in hints.items())
+        kinds.update([(name, kind_of(hint)) for name, hint in hints.items()])
 
     def value_of(name: str, value: Any) -> Any:
         if name not in kinds:

@@ -2,6 +2,8 @@
 
 import inspect
 import re
+import subprocess
+import sys
 from typing import Annotated
 
 import pytest
@@ -116,6 +118,13 @@ def test_every_documented_argument_is_one_and_each_is_documented():
     verbs = [each for several in VERBS.values() for each in several] + [du.find_bounds]
     for verb in verbs:
         assert list(helps(verb)) == list(inspect.signature(verb).parameters), verb.__name__
+
+
+def test_commands_are_there_without_docstrings():
+    code = "from desim_uav.cli import main; main()"
+    program = [sys.executable, "-OO", "-c", code, "scenarios"]
+    done = subprocess.run(program, capture_output=True, text=True, check=True)
+    assert "tiny" in done.stdout
 
 
 def test_looks_are_of_parameters_that_there_are():

@@ -91,7 +91,7 @@ def parameter_of(verb: Verb, name: str, optional: bool = False) -> inspect.Param
     shown: Any = info(
         *(() if look.argument else flags),
         metavar=look.metavar or ("N" if kind in (int, float, int | None, float | None) else None),
-        help=helps(verb)[name],
+        help=helps(verb).get(name),  # without docstrings (python -OO), there is none
         callback=_check(marks_of(hint), flags[-1]),
         autocompletion=look.complete,
         rich_help_panel=look.heading,
