@@ -43,7 +43,7 @@ class Within:
 
     def value(self, given: Any, said: str) -> Any:
         """Return an argument as a number of Python. Raises ValueError, which names it as said."""
-        if not _is_number(given):
+        if _is_iterable(given) or not _is_number(given):
             return given
         number = float(given) if isinstance(self.low, float) else operator.index(given)
         if not self.holds(number):

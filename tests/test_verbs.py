@@ -4,8 +4,10 @@ import inspect
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from typing import Annotated
 
+import numpy as np
 import pytest
 import typer
 
@@ -142,15 +144,13 @@ def test_the_public_names_are_those_of_the_stub():
 
 
 Few = Annotated[int, Within(1, 3)]
-FewOrList = Annotated[int | list | None, Within(1, 3)]
+FewOrList = Annotated[int | Sequence[int] | None, Within(1, 3)]
 Share = Annotated[float, Within(0.0, 1.0)]
 Name = Annotated[str, OneOf(lambda: ["left", "right"])]
 
 
 class TestMarks:
     def test_numbers_become_those_of_python(self):
-        import numpy as np
-
         @typed
         def both(whole: Few = 1, share: Share = 0.5) -> list:
             return [whole, share]
@@ -167,6 +167,7 @@ class TestMarks:
             return whole
 
         assert several([7, 8]) == [7, 8] and several(None) is None
+        assert several(np.array([7, 8])).tolist() == [7, 8]  # an array has a __float__
         with pytest.raises(UsageError, match="whole: 7: must be a whole number from 1 to 3"):
             several(7)
 
