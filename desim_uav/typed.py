@@ -2,50 +2,130 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import operator
 import types
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import wraps
 from os import PathLike
 from pathlib import PurePath
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
-from desim_uav.errors import UsageError, in_short
+from desim_uav.errors import UsageError, did_you_mean, in_short
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def typed(function: F, raises: type[Exception] = UsageError) -> F:
+@dataclass(frozen=True)
+class Within:
+    """The bounds of a number, both allowed, in an annotation: ``Annotated[int, Within(1, 10)]``.
+
+    Bounds that are whole ask for a whole number. What is no number (None, or a sequence where one
+    may be given instead) is left as it is.
+    """
+
+    low: float
+    high: float
+
+    @property
+    def words(self) -> str:
+        """What a number must be."""
+        kind = "a number" if isinstance(self.low, float) else "a whole number"
+        form = "g" if isinstance(self.low, float) else ""
+        return f"{kind} from {self.low:{form}} to {self.high:{form}}"
+
+    def holds(self, number: float) -> bool:
+        """Return whether a number is within the bounds."""
+        return self.low <= number <= self.high
+
+    def value(self, given: Any, said: str) -> Any:
+        """Return an argument as a number of Python. Raises ValueError, which names it as said."""
+        if _is_iterable(given) or not _is_number(given):
+            return given
+        number = float(given) if isinstance(self.low, float) else operator.index(given)
+        if not self.holds(number):
+            raise ValueError(f"{said}: {given!r}: must be {self.words}")
+        return number
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """The names that are allowed, in an annotation; a function returns them when they are needed.
+
+    What is no text is left as it is.
+    """
+
+    allowed: Callable[[], Iterable[str]]
+
+    def problem(self, name: str) -> str:
+        """Return what is wrong with a name, or "" if it is allowed."""
+        allowed = list(self.allowed())
+        if name in allowed:
+            return ""
+        return f"{name!r}{did_you_mean(name, allowed)}; allowed: {', '.join(allowed)}"
+
+    def value(self, given: Any, said: str) -> Any:
+        """Return an argument. Raises ValueError, which names it as said."""
+        problem = self.problem(given) if isinstance(given, str) else ""
+        if problem:
+            raise ValueError(f"{said}: {problem}")
+        return given
+
+
+def typed(function: F, raises: type[Exception] = UsageError, names_in: str = "") -> F:
     """Let a function refuse arguments that do not have the types of its annotations.
 
     The error names the argument and says what it may be. Numbers and truth values of NumPy are
     accepted as those of Python are, and arrays and other iterables as sequences. Where the
     annotation is a Protocol, any object is accepted, and where it is a Literal any text, because
     the function itself can say better what is wrong with one. Of a class, the arguments of its
-    constructor are checked.
+    constructor are checked. Bounds (``Within``) and names (``OneOf``) in an annotation are checked
+    too, of values that were given.
+
+    ``names_in`` is a module that is imported at the first call, for names of types that the
+    function's own module has only for type checkers.
     """
     if isinstance(function, type):
         function.__init__ = typed(function.__init__, raises)  # type: ignore[misc]
         return function
     kinds: dict[str, Kind] = {}
+    marks: dict[str, tuple[Any, ...]] = {}
     names = tuple(inspect.signature(function).parameters)
+
+    def look() -> None:
+        hints = hints_of(function, names_in)
+        marks.update((name, marks_of(hint)) for name, hint in hints.items())
+        kinds.update([(name, kind_of(hint)) for name, hint in hints.items()])
+
+    def value_of(name: str, value: Any) -> Any:
+        if name not in kinds:
+            return value
+        if not kinds[name].has(value):
+            said = in_short(repr(value), 100)
+            raise raises(f"{name}: {said}: must be {kinds[name].one}")
+        for mark in marks[name]:
+            try:
+                value = mark.value(value, name)
+            except ValueError as error:
+                raise raises(str(error)) from None
+        return value
 
     @wraps(function)
     def checked(*args: Any, **kwargs: Any) -> Any:
         if not kinds:
-            kinds.update((name, kind_of(hint)) for name, hint in hints_of(function).items())
-        for name, value in (*zip(names, args, strict=False), *kwargs.items()):
-            if name in kinds and not kinds[name].has(value):
-                said = in_short(repr(value), 100)
-                raise raises(f"{name}: {said}: must be {kinds[name].one}")
-        return function(*args, **kwargs)
+            look()
+        those = [value_of(name, value) for name, value in zip(names, args, strict=False)]
+        others = {name: value_of(name, value) for name, value in kwargs.items()}
+        return function(*those, *args[len(names) :], **others)
 
+    checked.__dict__["__names_in__"] = names_in
     return checked  # type: ignore[return-value]
 
 
-def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
+def hints_of(function: Callable[..., Any], names_in: str = "") -> dict[str, Any]:
     """Return the types of a function's parameters that are annotated, except ``*`` and ``**``."""
     several = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     texts = {
@@ -53,8 +133,21 @@ def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
         for name, parameter in inspect.signature(function).parameters.items()
         if parameter.annotation is not parameter.empty and parameter.kind not in several
     }
-    known = getattr(inspect.unwrap(function), "__globals__", {})
-    return typing.get_type_hints(type("", (), {"__annotations__": texts}), known)
+    names_in = names_in or getattr(function, "__names_in__", "")
+    known = vars(importlib.import_module(names_in)) if names_in else {}
+    known = known | getattr(inspect.unwrap(function), "__globals__", {})
+    holder = type("", (), {"__annotations__": texts})
+    return typing.get_type_hints(holder, known, include_extras=True)
+
+
+def marks_of(hint: Any) -> tuple[Within | OneOf, ...]:
+    """Return the bounds and names that an annotation, or one of its alternatives, asks for."""
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return tuple(mark for one in typing.get_args(hint) for mark in marks_of(one))
+    return tuple(mark for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, MARKS))
+
+
+MARKS = (Within, OneOf)
 
 
 class Kind(NamedTuple):
@@ -167,6 +260,7 @@ _PLAIN: dict[Any, Kind] = {
 _OF_OTHERS: dict[Any, Callable[[Sequence[Any]], Kind]] = {
     typing.Union: _either,
     types.UnionType: _either,
+    Annotated: lambda of: kind_of(of[0]),
     Literal: _one_of,
     tuple: _tuple,
     type: lambda of: Kind(lambda value: isinstance(value, type), "a class", "classes"),

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from desim_uav.api.invocation import command_line
+from desim_uav.api.parameters import LAST_FIRST_SEED, LAST_SEED, MOST_SEEDS
 from desim_uav.errors import DesimWarning, UsageError
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.policies.base import policy_name
@@ -28,9 +29,6 @@ from desim_uav.shipped import find_scenario
 
 ScenarioLike = str | Path | Mapping[str, Any] | Scenario
 """A shipped scenario's name, a scenario file, its content as a mapping, or a loaded scenario."""
-
-MOST_EPISODES, MOST_TRAINING = 10**6, 10**7
-MOST_SEEDS, MOST_JOBS, LAST_FIRST_SEED = 10**6, 1024, 2**62
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def ranges_of(name: str, numbers: int | str | Sequence[int] | None) -> str | Non
     if numbers is None or isinstance(numbers, str):
         return numbers
     some = numbers if isinstance(numbers, Iterable) else [numbers]
-    return ",".join(str(whole(name, one, 0, 2**63 - 1)) for one in some)
+    return ",".join(str(whole(name, one, 0, LAST_SEED)) for one in some)
 
 
 def seeds_of(seeds: int | Sequence[int], first_seed: int = 0) -> list[int]:
@@ -89,7 +87,7 @@ def seeds_of(seeds: int | Sequence[int], first_seed: int = 0) -> list[int]:
     first_seed = whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
     if isinstance(seeds, str) or not isinstance(seeds, Iterable):
         return list(range(first_seed, first_seed + whole("seeds", seeds, 1, MOST_SEEDS)))
-    found = [whole("seeds", seed, 0, 2**63 - 1) for seed in seeds]
+    found = [whole("seeds", seed, 0, LAST_SEED) for seed in seeds]
     if first_seed != 0:
         raise UsageError("first_seed goes with a number of seeds, not with a list of them")
     if not found or len(set(found)) < len(found):

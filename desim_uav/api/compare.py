@@ -4,67 +4,68 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from desim_uav.api.arguments import (
-    MOST_EPISODES,
-    MOST_JOBS,
-    ScenarioLike,
-    opened,
-    seeds_of,
-    warn,
-    whole,
+from desim_uav.api.parameters import (
+    MOST_SEEDS,
+    Engine,
+    Episodes,
+    FirstSeed,
+    Jobs,
+    Seed,
+    Warmup,
+    verb,
 )
-from desim_uav.api.sources import InFolders, each_of, in_folders
 from desim_uav.errors import Interrupted, UsageError
-from desim_uav.experiment import compare as comparing
-from desim_uav.experiment import compare_runs as finished
-from desim_uav.experiment.compare import Comparison
-from desim_uav.experiment.progress import progress as shown
-from desim_uav.policies.base import PolicyLike
-from desim_uav.run_folder import file_place
-from desim_uav.scenario.draft import named_override
-from desim_uav.scenario.load import Overrides, override_texts
-from desim_uav.typed import typed
+from desim_uav.typed import Within
 
-__all__ = ["Comparison", "compare", "compare_runs"]
+if TYPE_CHECKING:
+    from desim_uav.api.kinds import InFolders, Overrides, PolicyLike, ScenarioLike
+    from desim_uav.experiment.compare import Comparison
 
 
-@typed
+@verb
 def compare(
     scenario: ScenarioLike,
     overrides: Overrides | None = None,
     *,
     policies: Sequence[PolicyLike] | Mapping[str, PolicyLike],
-    seeds: int | Sequence[int] = 10,
-    first_seed: int = 0,
-    world_seed: int | None = None,
-    episodes: int = 20,
-    warmup: int = 2,
-    jobs: int = 1,
+    seeds: Annotated[int | Sequence[int], Within(1, MOST_SEEDS)] = 10,
+    first_seed: FirstSeed = 0,
+    world_seed: Seed = None,
+    episodes: Episodes = 20,
+    warmup: Warmup = 2,
+    jobs: Jobs = 1,
     against: str | None = None,
     out: str | Path | None = None,
-    engine: str = "des",
+    engine: Engine = "des",
     progress: bool = True,
 ) -> Comparison:
     """Compare policies on common seeds: means, 95 % intervals and paired differences.
 
-    This is ``desim-uav compare SCENARIO``. On a seed all policies meet the same world, users, walks
-    and requests. A seed draws the world too, unless there is a ``world_seed``.
+    In Python, this does what ``desim-uav compare SCENARIO`` does. On a seed all policies meet the
+    same world, users, walks and requests. A seed draws the world too, unless there is a
+    ``world_seed``.
 
     Args:
         scenario: A shipped name such as ``"case8"``, a file, its content, or a loaded scenario.
-        overrides: Values for keys of it, such as ``{"users.count": 60}``.
-        policies: As ``run`` takes them: a list, or a mapping that gives each a name.
-        seeds: How many seeds, or which.
-        first_seed: The first of so many; the others follow it.
-        world_seed: What the world alone is drawn from. Default: the scenario's, or else each seed.
-        episodes: Episodes that count, per policy and seed.
-        warmup: Episodes before them that count in no measure.
-        jobs: Runs at a time, each in a process of its own. A script that asks for more than one
-            must begin its work under ``if __name__ == "__main__":``.
-        against: The policy that the others are compared with. Default: the first.
-        out: A CSV file for the values of each seed.
-        engine: ``"des"`` (SimPy) or ``"batch"`` (compiled): their numbers are the same.
+        overrides: Set a key of the scenario, as in users.count=60. In a terminal, -S may be
+            repeated. In Python, it may also be a mapping, such as ``{"users.count": 60}``.
+        policies: The policies to run in the scenario; see `run --policy`. In a terminal, they are
+            separated by commas. In Python, it is a list, or a mapping that gives each a name.
+        seeds: The number of seeds. On a seed all policies meet the same users and requests. In
+            Python, it may also be a list of seeds.
+        first_seed: The first seed; the others follow it.
+        world_seed: The seed of the world alone: buildings, homes of users, clusters. By default it
+            is the scenario's world_seed, or else the seed.
+        episodes: The number of episodes that count, per policy and seed.
+        warmup: The number of warm-up episodes before them, which count in no measure.
+        jobs: The number of runs at a time, each in a process of its own. In Python, a script that
+            asks for more than one must begin its work under ``if __name__ == "__main__":``.
+        against: The policy that the others are compared with. By default it is the first.
+        out: A file for the values of each policy and seed.
+        engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
+            the same.
         progress: Show the progress, on a terminal or in a notebook.
 
     Raises:
@@ -72,10 +73,14 @@ def compare(
             option, before anything is run.
         Interrupted: Ctrl-C. Its ``result`` holds the runs that had ended before.
     """
+    from desim_uav.api.arguments import opened, seeds_of, warn
+    from desim_uav.experiment import compare as comparing
+    from desim_uav.experiment.progress import progress as shown
+    from desim_uav.run_folder import file_place
+    from desim_uav.scenario.draft import named_override
+    from desim_uav.scenario.load import override_texts
+
     place = None if out is None else file_place(Path(out), "--out")
-    episodes = whole("episodes", episodes, 1, MOST_EPISODES)
-    warmup = whole("warmup", warmup, 0, MOST_EPISODES)
-    jobs = whole("jobs", jobs, 1, MOST_JOBS)
     if any(override.startswith("seed=") for override in override_texts(overrides or ())):
         raise UsageError(
             f"{named_override('seed')}: each replication has its own; choose the first and "
@@ -105,7 +110,7 @@ def compare(
     return _whole(comparison)
 
 
-@typed
+@verb
 def compare_runs(
     folders: Sequence[str | Path | InFolders],
     *,
@@ -114,10 +119,11 @@ def compare_runs(
 ) -> Comparison:
     """Compare finished runs: each is the replication of its policy on its seed.
 
-    This is ``desim-uav compare RUN…``.
+    In Python, this does what ``desim-uav compare RUN…`` does.
 
     Args:
-        folders: The run folders, or results of runs.
+        folders: The folders of finished runs; in a terminal also one scenario, to run --policies
+            in. In Python, results of runs may be among them.
         against: The policy that the others are compared with. Default: that of the first run.
         out: A CSV file for the values of each seed.
 
@@ -125,6 +131,10 @@ def compare_runs(
         PolicyError: a folder cannot be read, or the runs are not of one scenario and one length.
         UsageError: ``against`` is not one of the policies, or ``out`` cannot be written.
     """
+    from desim_uav.api.sources import each_of, in_folders
+    from desim_uav.experiment import compare_runs as finished
+    from desim_uav.run_folder import file_place
+
     place = None if out is None else file_place(Path(out), "--out")
     with in_folders("folders", each_of("folders", folders)) as sources:
         if not sources:

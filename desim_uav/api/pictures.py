@@ -4,76 +4,71 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from desim_uav.api.arguments import between, ranges_of, whole
-from desim_uav.api.replay import Page, Replay
-from desim_uav.api.sources import InFolders, each_of, in_folders
-from desim_uav.errors import UsageError, located
-from desim_uav.experiment import plot as figures
-from desim_uav.experiment.compare import Comparison
-from desim_uav.experiment.replay.page import write_replay as write_page
-from desim_uav.experiment.report import NAME, make_report
-from desim_uav.run_folder import file_place
-from desim_uav.scenario.schema import Scenario
-from desim_uav.typed import typed
-from desim_uav.world import World, build_world
+from desim_uav.api.parameters import verb
+from desim_uav.errors import UsageError
+from desim_uav.typed import Within
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["film", "plot", "write_replay", "write_report"]
+    from desim_uav.api.kinds import Drawn, Shown
+    from desim_uav.api.replay import Page, Replay
 
-Drawn = str | Path | InFolders | Comparison | Scenario | World
-"""What a figure is drawn of: a result, a comparison, the path of a folder or a file, the name of a
-shipped scenario or policy, a scenario, or a world."""
-
-Shown = str | Path | InFolders
-"""What a page or a film is made of: a result, or the path of a folder."""
+ANY_EPISODE = Within(-(10**9), 10**9)
+COUNTED = Within(0, 10**9)
+"""The bounds of what is counted from 0: drones, levels, minutes."""
 
 
-@typed
+@verb
 def plot(
     kind: str,
     runs: Drawn | Sequence[Drawn] = (),
-    out: str | Path | None = None,
+    out: str | Path | bool | None = None,
     *,
-    episode: int | None = None,
-    minute: float | None = None,
-    drone: int | None = None,
-    window: int | None = None,
-    battery_min: int | None = None,
-    level: int | None = None,
+    episode: Annotated[int | None, ANY_EPISODE] = None,
+    minute: Annotated[float | None, Within(0.0, 1e9)] = None,
+    drone: Annotated[int | None, COUNTED] = None,
+    window: Annotated[int | None, Within(1, 10**9)] = None,
+    battery_min: Annotated[int | None, COUNTED] = None,
+    level: Annotated[int | None, COUNTED] = None,
     at: str | tuple[float, float] | None = None,
     against: str | None = None,
     measure: str | Sequence[str] | None = None,
     key: str | Sequence[str] | None = None,
     progress: bool = True,
 ) -> Figure:
-    """Draw a figure, which a notebook shows; with ``out`` it is written to a file, too.
+    """Draw a figure of runs, trainings, a sweep, a learned policy, a radio or of energy.
 
-    This is ``desim-uav plot``, which has a default for ``out``.
+    In Python, this does what ``desim-uav plot`` does, and returns the figure, which a notebook
+    shows; with ``out`` it is written to a file, too.
 
     Args:
-        kind: training, compare, sweep, visits, policy, battery, energy, episodes, services, radio
-            or snapshot.
-        runs: What to draw: a result of ``run``, ``train``, ``compare`` or ``sweep``, or the path of
-            its folder. For policy, it may be the file or the shipped name of a table, and for radio
-            and energy a scenario or its name, or a world. For training and compare, it may be a
+        kind: The kind of figure: training, compare, sweep, visits, policy, battery, energy,
+            episodes, services, radio or snapshot.
+        runs: The folder of a run, a training or a sweep; for policy it may be the file of a table,
+            and for radio and energy a scenario file or the name of a shipped scenario. For energy
+            it may be left out. In Python, it may also be a result of ``run``, ``train``,
+            ``compare`` or ``sweep``, a scenario or a world; for training and compare, it may be a
             list of them. Of a run on several seeds, the first seed is drawn.
-        out: A file that ends in .png, .pdf or .svg.
-        episode: For visits, battery, services and snapshot: the episode.
-        minute: For snapshot: the minute. Default: the end of the episode.
-        drone: For visits, policy and battery: the drone, counted from 0. For energy: a drone of the
-            type to draw.
+        out: The file, which ends in .png, .pdf or .svg. By default it is RUN/KIND.png, or a file in
+            the working folder if RUN is no folder. In Python, True stands for this file; without
+            ``out`` no file is written.
+        episode: For visits, battery, services and snapshot: the episode to draw.
+        minute: For snapshot: the minute to draw. By default it is the end of the episode.
+        drone: For visits, policy and battery: the drone to draw, counted from 0. For energy: a
+            drone of the type to draw.
         window: For training: the number of episodes that a running mean is over.
-        battery_min: For policy: the minutes left of the battery. Default: half of it.
-        level: For policy and radio: the level of altitude, counted from 0.
-        at: For radio: the place of the drone in metres, ``(1200, 800)`` or ``"1200,800"``. Default:
-            the middle of the map.
+        battery_min: For policy: the minutes left of the battery. By default it is half full.
+        level: For policy and radio: the level of altitude, counted from 0, the lowest.
+        at: For radio: the place of the drone, in metres. By default it is the middle of the map. In
+            Python, it may also be a pair, such as ``(1200, 800)``.
         against: For compare: the policy that the others are compared with.
-        measure: For sweep: one measure or several, such as ``"qoe3_percent"``.
-        key: For sweep: keys to show, the first along the axis, or ``"KEY=VALUE"`` to hold one.
+        measure: For sweep: a measure to draw, such as qoe3_percent; it can be given several times.
+            By default QoE1 to QoE3 are drawn. In Python, it is one or a list.
+        key: For sweep: a key to show, the first one along the axis, or to hold at VALUE; it can be
+            given several times. In Python, it is one or a list.
         progress: Show the progress, if a run has to be played again for its events.
 
     Raises:
@@ -81,19 +76,23 @@ def plot(
         PolicyError: a folder cannot be read.
         NoEventsError: the run has not kept its events, and cannot be played again.
     """
+    from desim_uav.api.sources import each_of, in_folders
+    from desim_uav.experiment import plot as figures
+    from desim_uav.experiment.compare import Comparison
+    from desim_uav.scenario.schema import Scenario
+    from desim_uav.world import World
+
     options: dict[str, Any] = {"episode": episode, "minute": minute, "drone": drone}
     options |= {"window": window, "battery_min": battery_min, "level": level, "against": against}
     options |= {"at": at if at is None or isinstance(at, str) else ",".join(map(str, at))}
     options |= {"measure": measure, "key": key}
-    for name in ("episode", "drone", "window", "battery_min", "level"):
-        if options[name] is not None:
-            low = -(10**9) if name == "episode" else 1 if name == "window" else 0
-            options[name] = whole(name, options[name], low, 10**9)
-    if minute is not None:
-        options["minute"] = between("minute", minute, 0.0, 1e9)
     given = each_of("runs", runs, Comparison, Scenario, World)
     figures.chosen(kind, len(given), options)
-    target = None if out is None else figures.Target(Path(out), "out")
+    target = None
+    if out is True:
+        target = figures.Target(figure_place(kind, given))
+    elif out is not None and out is not False:
+        target = figures.Target(Path(out), "--out")
     drawn: list[Any] = []
     others: list[Any] = []
     for one in given:
@@ -107,29 +106,38 @@ def plot(
     return figure
 
 
-@typed
+def figure_place(kind: str, given: Sequence[Any]) -> Path:
+    """Return where a figure is put by default: in the one folder, or else the working folder."""
+    place = _folder(given[0]) if len(given) == 1 else None
+    if place is not None and place.is_dir():
+        return place / f"{kind}.png"
+    return Path(f"{place.stem if kind == 'policy' and place is not None else kind}.png")
+
+
+@verb
 def film(
     run: Shown,
     file: str | Path | None = None,
     *,
-    episode: int | None = None,
-    fps: float = 12,
-    speed: float = 120,
-    width: int = 800,
+    episode: Annotated[int | None, ANY_EPISODE] = None,
+    fps: Annotated[float, Within(1.0, 60.0)] = 12,
+    speed: Annotated[float, Within(0.1, 3600.0)] = 120,
+    width: Annotated[int, Within(160, 1920)] = 800,
     progress: bool = True,
 ) -> Path:
-    """Film an episode of a run in continuous time, and return the file.
+    """Film an episode of a run, in continuous time.
 
-    This is ``desim-uav video``.
+    In Python, this does what ``desim-uav video`` does, and returns the file.
 
     Args:
-        run: The result of a run, or the path of its folder. Of several seeds, the first is filmed.
+        run: The folder of a run, as `run` writes it. In Python, it may also be the result of a run.
+            Of several seeds, the first is filmed.
         file: A file that ends in .gif, or in .mp4 (H.264), which needs the extra video. Default:
             ``film.gif`` in the folder of the run, or in the working folder if the run has none.
-        episode: The episode. Default: the first that counts.
-        fps: Frames per second, from 1 to 60.
-        speed: Simulated seconds per second of film, from 0.1 to 3600.
-        width: The width in pixels, from 160 to 1920; the height is three quarters of it.
+        episode: The episode to film. By default it is the first that counts.
+        fps: The number of frames per second.
+        speed: The number of simulated seconds per second of film.
+        width: The width in pixels; the height is three quarters of it.
         progress: Show the progress.
 
     Raises:
@@ -138,6 +146,9 @@ def film(
         NoEventsError: the run has not kept its events, and cannot be played again.
         MissingExtraError: an MP4 needs a package that is not installed.
     """
+    from desim_uav.api.sources import in_folders
+    from desim_uav.experiment import plot as figures
+
     place = _default([run], "film.gif") if file is None else Path(file)
     ending = place.suffix.lower()
     if ending not in (".gif", ".mp4"):
@@ -147,16 +158,16 @@ def film(
             sources[0],
             place if ending == ".gif" else None,
             place if ending == ".mp4" else None,
-            episode=None if episode is None else whole("episode", episode, -(10**9), 10**9),
-            fps=between("fps", fps, 1, 60),
-            speed=between("speed", speed, 0.1, 3600),
-            width=whole("width", width, 160, 1920),
+            episode=episode,
+            fps=fps,
+            speed=speed,
+            width=width,
             show_progress=progress,
         )
     return place
 
 
-@typed
+@verb
 def write_report(
     runs: Shown | Sequence[Shown],
     out: str | Path | None = None,
@@ -165,24 +176,32 @@ def write_report(
     *,
     progress: bool = True,
 ) -> Path:
-    """Write a page about a run, a sweep, or several runs compared, and return its file.
+    """Write a page about a run, a sweep, or a comparison of several runs.
 
-    This is ``desim-uav report``. The page needs no network and no server.
+    The page needs no network and no server.
+
+    In Python, this does what ``desim-uav report`` does, and returns the file.
 
     Args:
-        runs: Results of runs or of a sweep, or the paths of their folders: one or several.
-        out: The file. Default: ``report.html`` in the folder of the run or the sweep, or in the
-            working folder if there are several runs, or the run has no folder.
+        runs: The folders of one run or several, or one of a sweep. In Python, they may also be
+            results.
+        out: Write the page here. By default it is RUN_DIR/report.html, or report.html for several
+            runs. In Python, it is also report.html if the run has no folder.
         title: The title of the page.
-        against: The policy that the others are compared with. Default: the first.
+        against: The policy that the others are compared with. By default it is the first.
         progress: Show the progress, if a run has to be played again for its events.
 
     Raises:
         UsageError: the file cannot be written, or ``against`` is not one of the policies.
         PolicyError: a folder cannot be read, or the runs cannot be compared.
     """
+    from desim_uav.api.sources import each_of
+    from desim_uav.experiment.report import NAME
+    from desim_uav.run_folder import file_place
+
     given = each_of("runs", runs)
     file = _default(given, NAME) if out is None else Path(out)
+    file_place(file, "" if out is None else "--out")
     return report_of(given, title, against, file, progress).save(file)
 
 
@@ -194,6 +213,11 @@ def report_of(
     progress: bool = True,
 ) -> Page:
     """Make the page that ``write_report`` writes, to be written to ``file``."""
+    from desim_uav.api.replay import Page
+    from desim_uav.api.sources import in_folders
+    from desim_uav.experiment.report import NAME, make_report
+    from desim_uav.run_folder import file_place
+
     if file is not None:
         file_place(file)
     with in_folders("runs", given) as sources:
@@ -201,7 +225,7 @@ def report_of(
     return Page(text.encode(), NAME)
 
 
-@typed
+@verb
 def write_replay(
     run_dir: Shown,
     html: str | Path | None = None,
@@ -211,19 +235,23 @@ def write_replay(
     most_bytes: int | None = None,
     progress: bool = True,
 ) -> Replay:
-    """Write a page that plays the episodes of a run in continuous time, and return the page.
+    """Write a page that plays the episodes of a run in continuous time; any browser opens it.
 
-    This is ``desim-uav replay``. Of a counterfactual, both branches are played side by side.
+    With a second run of the same scenario, seed and world, the page plays both side by side.
+
+    In Python, this does what ``desim-uav replay`` does, and returns the page. Of a counterfactual,
+    both branches are played side by side.
 
     Args:
-        run_dir: The result of a run, or the path of its folder. Of several seeds, the first is
-            played.
-        html: The file. Default: ``replay.html`` in the folder of the run (``replay-NAME.html``
-            beside a second run, whose folder is called NAME), or in the working folder if the run
-            has none.
-        episodes: The episodes to show, such as ``"0-3,8"``, 0 or ``[0, 1]``. Default: all that
-            count, as many as ``most_bytes`` hold.
-        beside: A second run of the same scenario, seed and world, which is played in step.
+        run_dir: The folder of a run, as `run` writes it. In Python, it may also be the result of a
+            run. Of several seeds, the first is played.
+        html: Write the page here. By default it is RUN_DIR/replay.html, or RUN_DIR/replay-NAME.html
+            for two runs, NAME being the second folder's. In Python, it is replay.html in the
+            working folder if the run has no folder.
+        episodes: The episodes to show, such as 0-3,8. By default they are all that count, as many
+            as 25 MiB hold. In Python, it may also be a number or a list, and ``most_bytes`` says
+            how many.
+        beside: The folder of a second run on the same seeds, played in step with the first.
         most_bytes: The largest size of the page, if ``episodes`` says nothing. Default: 25 MiB.
         progress: Show the progress, if a run has to be played again for its events.
 
@@ -232,6 +260,11 @@ def write_replay(
         NoEventsError: a run has not kept its events, and cannot be played again.
         PolicyError: a folder cannot be read, or the two runs differ in scenario, world or episodes.
     """
+    from desim_uav.api.arguments import ranges_of
+    from desim_uav.api.replay import Replay
+    from desim_uav.api.sources import in_folders
+    from desim_uav.experiment.replay.page import write_replay as write_page
+
     file = None if html is None else Path(html)
     if file is None and _folder(run_dir) is None:
         file = Path("replay.html")
@@ -264,7 +297,12 @@ def _folder(given: Any) -> Path | None:
     return folders[0] if len(folders) == 1 else None
 
 
-def _drawable(given: Comparison | Scenario | World) -> Comparison | World:
+def _drawable(given: Any) -> Any:
+    """Return the world of a scenario; anything else is drawn as it is."""
+    from desim_uav.errors import located
+    from desim_uav.scenario.schema import Scenario
+    from desim_uav.world import build_world
+
     if not isinstance(given, Scenario):
         return given
     with located(Path(given.name)):

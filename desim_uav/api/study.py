@@ -2,79 +2,97 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from desim_uav.api import arguments
-from desim_uav.api.found import Bounds, Optimum
-from desim_uav.api.sources import each_of
-from desim_uav.errors import Interrupted, UsageError, did_you_mean
-from desim_uav.experiment import reproduce as paper
-from desim_uav.experiment.bounds import bounds, work_of
-from desim_uav.experiment.interrupt import at_once
-from desim_uav.experiment.optimum import bounds_runs, optimum
-from desim_uav.experiment.progress import progress as shown
-from desim_uav.experiment.sweep.plan import Asked
-from desim_uav.experiment.sweep.run import BACKENDS, sweep_to_folder
-from desim_uav.experiment.sweep.table import Done
-from desim_uav.policies.base import policy_name
-from desim_uav.scenario.load import Overrides
-from desim_uav.shipped import find_scenario
-from desim_uav.typed import typed
+from desim_uav.api.parameters import (
+    Engine,
+    EngineIfAny,
+    Episodes,
+    FirstSeed,
+    Jobs,
+    Seed,
+    Seeds,
+    TrainingEpisodes,
+    Warmup,
+    verb,
+)
+from desim_uav.errors import Interrupted, UsageError
+from desim_uav.typed import OneOf, Within
+
+if TYPE_CHECKING:
+    from desim_uav.api.found import Bounds, Optimum
+    from desim_uav.api.kinds import Overrides, ScenarioLike
+    from desim_uav.experiment.reproduce import Report
+    from desim_uav.experiment.sweep.table import Done
 
 PRESETS: dict[str, list[str | None]] = {
     "default": [None],
     "paper": ["paper"],
     "both": [None, "paper"],
 }
-
-
 ROUNDS_OF = "rounds"
 """The unit of the progress of bounds."""
 
+FewSeeds = Annotated[int, Within(1, 10**4)]
 
-@typed
+
+def _backends() -> Iterable[str]:
+    from desim_uav.experiment.sweep.run import BACKENDS
+
+    return BACKENDS
+
+
+@verb
 def sweep(
-    scenario: arguments.ScenarioLike,
+    scenario: ScenarioLike,
     values: Overrides = (),
     *,
     out: str | Path,
     policies: str | Path | Sequence[str | Path] | None = None,
     train: bool = False,
     algorithms: str | Sequence[str] | None = None,
-    seeds: int = 10,
-    first_seed: int = 0,
-    episodes: int = 20,
-    warmup: int = 2,
-    jobs: int | None = None,
+    seeds: Seeds = 10,
+    first_seed: FirstSeed = 0,
+    episodes: Episodes = 20,
+    warmup: Warmup = 2,
+    jobs: Jobs | None = None,
     resume: bool = False,
-    backend: str = "local",
+    backend: Annotated[str, OneOf(_backends)] = "local",
     address: str | None = None,
-    engine: str | None = None,
+    engine: EngineIfAny = None,
     progress: bool = True,
 ) -> Done:
-    """Run policies, or train, in every combination of the values of some keys, on common seeds.
+    """Run or train policies for every combination of values of some keys, on common seeds.
 
-    This is ``desim-uav sweep``. Each job's row is kept in ``out`` as the job ends.
+    In Python, this does what ``desim-uav sweep`` does. Each job's row is kept in ``out`` as the job
+    ends.
 
     Args:
-        scenario: A shipped name, a file, its content, or a loaded scenario.
-        values: For each key a list of values, such as ``{"drones.count": [2, 3, 4]}``, or texts as
-            on the command line, such as ``["drones.count=2:4"]``.
-        out: The folder of the sweep; its ``results`` are one Parquet dataset.
-        policies: Names and files of policies to run, one or several. Default: the baseline, if
-            nothing is trained.
-        train: Train on each seed, too, and evaluate greedily.
-        algorithms: What to train by. Default: the scenario's algorithm.
-        seeds: How many seeds.
-        first_seed: The first of them; the others follow it.
-        episodes: Episodes that count, per job.
-        warmup: Episodes before them that count in no measure.
-        jobs: Jobs at a time. Default: 1, or all cores of a Ray cluster.
-        resume: Run only what ``out`` has no row of.
-        backend: ``"local"`` or ``"ray"``.
-        address: Of the Ray cluster.
-        engine: ``"des"`` or ``"batch"``. Default: the compiled engine, if it can run the scenario.
+        scenario: The name of a shipped scenario, such as case8, or a scenario file (YAML). In
+            Python, it may also be the content of one, or a loaded scenario.
+        values: The values of a key of the scenario: a,b,c or first:last or first:last:step. If
+            several keys are given, every combination of values is run. In a terminal, -S may be
+            repeated. In Python, it may also be a mapping, such as
+            ``{"drones.count": [2, 3, 4]}``, or a list, such as ``["drones.count=2:4"]``.
+        out: The folder of the sweep. Its results/ is one Parquet dataset with a row per job.
+        policies: The policies to run, by their names or files; see `run --policy`. By default it is
+            the baseline, unless policies are trained. In a terminal, they are separated by commas.
+        train: Train on each seed as well, and evaluate the learned policies.
+        algorithms: The algorithms to train by. By default it is the scenario's. In a terminal, they
+            are separated by commas.
+        seeds: The number of seeds. On a seed all policies meet the same users and requests.
+        first_seed: The first seed; the others follow it.
+        episodes: The number of episodes that count, per policy and seed.
+        warmup: The number of warm-up episodes before them, which count in no measure.
+        jobs: The number of jobs at a time. By default it is 1, or all cores of a Ray cluster.
+        resume: Continue the sweep of the folder: run only the jobs without a row in results/.
+        backend: Where the jobs run: in processes of this machine, or in a Ray cluster.
+        address: The address of the Ray cluster: auto, or HOST:PORT. By default a cluster is
+            started on this machine.
+        engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
+            the same. By default it is batch, if it can run the scenario.
         progress: Show the progress.
 
     Raises:
@@ -82,16 +100,12 @@ def sweep(
         Interrupted: Ctrl-C. Its ``result`` holds the jobs that had ended; they are kept.
     """
     given = locals()
-    if backend not in BACKENDS:
-        raise UsageError(
-            f"--backend {backend}{did_you_mean(backend, BACKENDS)}; allowed: {', '.join(BACKENDS)}"
-        )
-    first_seed = arguments.whole("first_seed", first_seed, 0, arguments.LAST_FIRST_SEED)
-    seeds = arguments.whole("seeds", seeds, 1, arguments.MOST_SEEDS)
-    episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
-    warmup = arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
-    if jobs is not None:
-        jobs = arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
+    from desim_uav.api import arguments
+    from desim_uav.api.sources import each_of
+    from desim_uav.experiment.sweep.plan import Asked
+    from desim_uav.experiment.sweep.run import sweep_to_folder
+    from desim_uav.shipped import find_scenario
+
     asked = Asked(
         find_scenario(str(scenario)) if isinstance(scenario, str | Path) else scenario,
         values,
@@ -121,6 +135,8 @@ def sweep(
 
 def _named(policy: object) -> str:
     """Return a policy by the name that rows of a sweep have. Raises UsageError."""
+    from desim_uav.policies.base import policy_name
+
     if not isinstance(policy, str | Path):
         raise UsageError(
             f"policies: {policy_name(policy)}: must be the name or the file of a policy, because "  # type: ignore[arg-type]
@@ -129,46 +145,44 @@ def _named(policy: object) -> str:
     return policy_name(policy)
 
 
-@typed
+@verb
 def reproduce(
     cases: str = "1-9",
     *,
-    seeds: int = 10,
-    first_seed: int = 100,
-    episodes: int | None = None,
-    preset: str = "default",
-    jobs: int = 1,
+    seeds: FewSeeds = 10,
+    first_seed: FirstSeed = 100,
+    episodes: TrainingEpisodes | None = None,
+    preset: Annotated[str, OneOf(lambda: PRESETS)] = "default",
+    jobs: Jobs = 1,
     out: str | Path = "runs/reproduce",
-    engine: str = "batch",
+    engine: Engine = "batch",
     progress: bool = True,
-) -> paper.Report:
-    """Train and evaluate in the nine cases of the paper, and set them beside what it printed.
+) -> Report:
+    """Train and evaluate in the paper's nine cases, and compare with the numbers in the paper.
 
-    This is ``desim-uav reproduce``. What was finished before in ``out`` is not done again.
+    In Python, this does what ``desim-uav reproduce`` does.
 
     Args:
-        cases: Which cases, such as ``"1-3,8"``.
-        seeds: How many seeds.
-        first_seed: The first of them; the others follow it. The defaults of learning were chosen on
+        cases: The cases of the paper, such as 1-3,8.
+        seeds: The number of seeds.
+        first_seed: The first seed; the others follow it. The defaults of learning were chosen on
             seeds below 100.
-        episodes: Episodes to learn from. Default: the scenarios'.
-        preset: ``"default"``, ``"paper"`` (as the paper's code trained) or ``"both"``.
-        jobs: Jobs at a time, each in a process of its own.
-        out: The folder for jobs, policies and tables.
-        engine: ``"des"`` or ``"batch"``: their numbers are the same.
+        episodes: The number of episodes to learn from. By default it is the scenario's.
+        preset: How to train: with our defaults, as the paper's code did, or both ways.
+        jobs: The number of jobs at a time, each in a process of its own.
+        out: The folder for jobs, policies and tables. Jobs that it holds are not run again.
+        engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
+            the same.
         progress: Show the progress.
 
     Raises:
         UsageError: an option is not one of those allowed, or ``out`` cannot be written.
     """
     given = locals()
-    if preset not in PRESETS:
-        raise UsageError(f"--preset {preset}: allowed: {', '.join(PRESETS)}")
-    first_seed = arguments.whole("first_seed", first_seed, 0, arguments.LAST_FIRST_SEED)
-    seeds = arguments.whole("seeds", seeds, 1, 10**4)
-    jobs = arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
-    if episodes is not None:
-        episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_TRAINING)
+    from desim_uav.api import arguments
+    from desim_uav.experiment import reproduce as paper
+    from desim_uav.experiment.progress import progress as shown
+
     drawn = range(first_seed, first_seed + seeds)
     todo = paper.jobs(paper.numbers(cases), drawn, episodes, PRESETS[preset])
     with shown(progress, len(todo), "jobs", engine) as advance:
@@ -176,28 +190,32 @@ def reproduce(
     return paper.report(rows, Path(out), " ".join(arguments.command_of(reproduce, given)))
 
 
-@typed
+@verb
 def find_optimum(
-    scenario: arguments.ScenarioLike,
+    scenario: ScenarioLike,
     overrides: Overrides | None = None,
     *,
-    seed: int | None = None,
-    world_seed: int | None = None,
-    seeds: int = 1,
-    episodes: int = 20,
+    seed: Seed = None,
+    world_seed: Seed = None,
+    seeds: FewSeeds = 1,
+    episodes: Episodes = 20,
     progress: bool = False,
 ) -> Optimum:
     """Work out how well any policy could do in a scenario.
 
-    This is ``desim-uav optimum``; the result has the entries that its ``--json`` prints.
+    In Python, this does what ``desim-uav optimum`` does; the result has the entries that its
+    ``--json`` prints.
 
     Args:
-        scenario: A shipped name such as ``"case1"``, a file, its content, or a loaded scenario.
-        overrides: Values for keys of it.
-        seed: What everything random is drawn from. Default: the scenario's.
-        world_seed: What the world alone is drawn from.
-        seeds: On how many seeds runs are bounded, from the seed on.
-        episodes: How many episodes a run has.
+        scenario: The name of a shipped scenario, such as case8, or a scenario file (YAML). In
+            Python, it may also be the content of one, or a loaded scenario.
+        overrides: Set a key of the scenario, as in users.count=60. In a terminal, -S may be
+            repeated. In Python, it may also be a mapping, such as ``{"users.count": 60}``.
+        seed: The seed of all random draws. By default it is the scenario's.
+        world_seed: The seed of the world alone: buildings, homes of users, clusters. By default it
+            is the scenario's world_seed, or else the seed.
+        seeds: The number of seeds on which runs are bounded, from the seed on.
+        episodes: The number of episodes of a run.
         progress: Show the progress.
 
     Raises:
@@ -205,22 +223,27 @@ def find_optimum(
             classes, access points, an association by level or services that ask for a volume.
         UsageError: the scenario cannot be solved for another reason; the message names the key.
     """
-    seeds = arguments.whole("seeds", seeds, 1, arguments.MOST_SEEDS)
-    episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
+    from desim_uav.api import arguments
+    from desim_uav.api.found import Optimum
+    from desim_uav.experiment.bounds import work_of
+    from desim_uav.experiment.interrupt import at_once
+    from desim_uav.experiment.optimum import bounds_runs, optimum
+    from desim_uav.experiment.progress import progress as shown
+
     found = arguments.opened(scenario, overrides, seed, world_seed)
     total, show = work_of(seeds, episodes), progress and bounds_runs(found.scenario)
     with found.located(), shown(show, total, ROUNDS_OF) as advance:
         return Optimum(at_once(optimum, found.scenario, seeds, episodes, advance))
 
 
-@typed
+@verb
 def find_bounds(
-    scenario: arguments.ScenarioLike,
+    scenario: ScenarioLike,
     overrides: Overrides | None = None,
     *,
     seeds: int | Sequence[int] = 10,
-    first_seed: int = 0,
-    episodes: int = 20,
+    first_seed: FirstSeed = 0,
+    episodes: Episodes = 20,
     schedule: bool = True,
     progress: bool = False,
 ) -> Bounds:
@@ -245,8 +268,13 @@ def find_bounds(
         ScenarioError: the scenario is invalid, or its model is not the paper's.
         UsageError: runs cannot be bounded for another reason; the message names the key.
     """
+    from desim_uav.api import arguments
+    from desim_uav.api.found import Bounds
+    from desim_uav.experiment.bounds import bounds, work_of
+    from desim_uav.experiment.interrupt import at_once
+    from desim_uav.experiment.progress import progress as shown
+
     drawn = arguments.seeds_of(seeds, first_seed)
-    episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
     found = arguments.opened(scenario, overrides)
     with found.located(), shown(progress, work_of(len(drawn), episodes), ROUNDS_OF) as advance:
         return Bounds(at_once(bounds, found.scenario, drawn, episodes, schedule, advance))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from desim_uav.api.train import TrainingProgress
+from desim_uav.api.training import TrainingProgress
 from desim_uav.errors import MissingExtraError
 from desim_uav.typed import typed
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from desim_uav.api.arguments import ScenarioLike, opened, whole
+from desim_uav.api.arguments import ScenarioLike, opened
+from desim_uav.api.parameters import Seed
 from desim_uav.scenario.load import Overrides
 from desim_uav.typed import typed
 from desim_uav.world import World
@@ -13,7 +14,7 @@ __all__ = ["build_world"]
 
 @typed
 def build_world(
-    scenario: ScenarioLike, seed: int | None = None, overrides: Overrides | None = None
+    scenario: ScenarioLike, seed: Seed = None, overrides: Overrides | None = None
 ) -> World:
     """Draw the world of a scenario: its buildings, stations, clusters and the homes of its users.
 
@@ -29,8 +30,5 @@ def build_world(
         UsageError: an override names no key, or the seed is not valid.
     """
     found = opened(scenario, overrides)
-    world_seed = found.scenario.effective_world_seed
-    if seed is not None:
-        world_seed = whole("seed", seed, 0, 2**63 - 1)
     with found.located():
-        return built(found.scenario, world_seed)
+        return built(found.scenario, found.scenario.effective_world_seed if seed is None else seed)

@@ -1,107 +1,77 @@
-"""Commands about scenario files and the installation."""
+"""Commands about scenario files, the installation, and published papers."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-from typing import Annotated
+from typing import Any
 
 import typer
 
-from desim_uav.cli.options import Json, Override, complete_scenarios
-from desim_uav.errors import notice
+from desim_uav.api import files
+from desim_uav.cli.ending import complain, print_json
+from desim_uav.cli.made import made
+from desim_uav.cli.terminal import AS_JSON, NO_PLUGINS, NO_PROGRESS
 from desim_uav.notices import tell
 
 
-def scenarios(
-    show: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Print the file of this shipped scenario.")
-    ] = None,
-    as_json: Json = False,
-) -> None:
-    """List the shipped scenarios."""
-    from desim_uav import shipped
-
-    if show is not None:
-        print(shipped.scenario_path(show).read_text(encoding="utf-8"), end="")
-        return
-    names = shipped.scenario_names()
-    found = [(name, _first_comment(shipped.scenario_path(name))) for name in names]
-    if as_json:
-        print(json.dumps(dict(found), indent=1))
-        return
-    width = max(map(len, names))
-    for name, about in found:
-        tell(f"{name:{width}s} {about}")
+@made(files.list_scenarios, AS_JSON)
+def scenarios(asked: dict[str, Any], as_json: bool) -> None:
+    """Print the names and what they are about, or the text of a file."""
+    found = files.list_scenarios(**asked)
+    if asked["show"] is not None:
+        print(found[asked["show"]], end="")
+    elif as_json:
+        print_json(found)
+    else:
+        width = max(map(len, found))
+        for name, about in found.items():
+            tell(f"{name:{width}s} {about}")
 
 
-def validate(
-    files: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="FILE…",
-            help="Scenario files, or names of shipped scenarios.",
-            autocompletion=complete_scenarios,
-        ),
-    ],
-    overrides: Override = None,
-) -> None:
-    """Check scenario files: print every error of each, and see that their worlds can be drawn.
-
-    For a scenario that only the SimPy engine can run, print a notice with the keys and the reason.
-    Components that a file names as module:Class are imported from the working folder, which runs
-    their code; --no-plugins refuses them.
-    """
-    from desim_uav.engine.choose import lacking_of
-    from desim_uav.errors import ScenarioError
-    from desim_uav.experiment.interrupt import at_once
-    from desim_uav.scenario.doubts import recordings, warn_of
-    from desim_uav.scenario.draft import blaming
-    from desim_uav.scenario.load import load
-    from desim_uav.shipped import find_scenario
-    from desim_uav.world import build_world
-
-    problems: list[str] = []
-    for file in files:
-        try:
-            path = find_scenario(file)
-            scenario = at_once(load, path, overrides or [])
-            with blaming(path, overrides or []):
-                world = at_once(build_world, scenario, scenario.effective_world_seed)
-            warn_of(scenario)
-            for why in at_once(lacking_of, world):
-                notice(f"{file}: only the SimPy engine (--engine des) can run this scenario: {why}")
-            tell(f"{file}: valid")
-            for recording in recordings(scenario):
-                tell(f"{file}: {recording}")
-        except ScenarioError as error:
-            problems += error.problems
-    if problems:
-        raise ScenarioError(*problems)
+@made(files.validate, NO_PLUGINS)
+def validate(asked: dict[str, Any]) -> None:
+    """Print which files are valid."""
+    for line in files.validate(**asked):
+        tell(line)
 
 
-def schema() -> None:
-    """Print the JSON Schema of scenario files, for editors."""
-    from desim_uav.scenario.load import json_schema
+@made(files.schema)
+def schema(asked: dict[str, Any]) -> None:
+    """Print the schema."""
+    print_json(files.schema())
 
-    print(json.dumps(json_schema(), indent=1))
 
-
-def doctor(as_json: Json = False) -> None:
-    """Check the installation: versions, extras, the compiled code, and what can be written."""
-    from desim_uav.experiment.doctor import as_content, examine
+@made(files.doctor, AS_JSON)
+def doctor(asked: dict[str, Any], as_json: bool) -> None:
+    """Print what was found, and end with exit code 1 if there is a problem."""
+    from desim_uav.experiment.doctor import as_content
     from desim_uav.report.text import print_findings
 
-    findings = examine()
+    findings = files.doctor()
     content = as_content(findings)
     if as_json:
-        print(json.dumps(content, indent=1))
+        print_json(content)
     else:
         print_findings([(f.verdict, f.what, f.words) for f in findings])
     if not content["healthy"]:
         raise typer.Exit(1)
 
 
-def _first_comment(path: Path) -> str:
-    first = path.read_text(encoding="utf-8").partition("\n")[0]
-    return first.lstrip("# ") if first.startswith("#") else ""
+@made(files.gallery, AS_JSON, NO_PROGRESS)
+def gallery(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+    """Print a table for each paper, and end with exit code 6 if a figure does not hold."""
+    from desim_uav.experiment import gallery as work
+    from desim_uav.report.gallery import print_gallery
+
+    compared, drawn = files.gallery(**asked)
+    if as_json:
+        print_json({**work.count(compared), "papers": [one.content() for one in compared]})
+    else:
+        print_gallery(work.COLUMNS, work.tables(compared))
+    if asked["figure"] is not None:
+        for file in drawn:
+            complain(str(file))
+        for name in work.without_figure(compared):
+            complain(f"{name} has no figure")
+    complain(work.summary(compared))
+    if work.count(compared)["fail"]:
+        raise typer.Exit(6)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-from typing import Annotated
+from typing import Any
 
 import typer
 
-from desim_uav.cli import options
-from desim_uav.cli.ending import complain
-from desim_uav.cli.plain import Command, Group, careful
+from desim_uav.api.bench import bench_board, bench_list, bench_run, bench_verify
+from desim_uav.cli.ending import complain, end, ended, print_json
+from desim_uav.cli.made import made
+from desim_uav.cli.plain import Command, Group
+from desim_uav.cli.terminal import AS_JSON, NO_PLUGINS, NO_PROGRESS
 from desim_uav.notices import tell
 
 app = typer.Typer(
@@ -20,33 +20,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-Jobs = Annotated[
-    int,
-    typer.Option(
-        "-j",
-        "--jobs",
-        metavar="N",
-        callback=options.within(1, 1024),
-        help="The number of seeds that are run at a time.",
-        rich_help_panel=options.MAKING,
-    ),
-]
 
-
-def complete_tasks(incomplete: str) -> list[str]:
-    """Return the tasks, for a shell that completes what is typed."""
-    from desim_uav.experiment.bench.tasks import tasks
-
-    return [name for name in tasks() if name.startswith(incomplete)]
-
-
-def list_tasks(as_json: options.Json = False) -> None:
-    """List the tasks, their hashes, the tracks and the protocol."""
-    from desim_uav.experiment.bench.tasks import listing
-
-    found = listing()
+@made(bench_list, AS_JSON)
+def list_tasks(asked: dict[str, Any], as_json: bool) -> None:
+    """Print the tasks, the tracks and the protocol."""
+    found = bench_list()
     if as_json:
-        print(json.dumps(found, indent=1))
+        print_json(found)
         return
     for task in found["tasks"]:
         tell(f"{task['task']:30s} {task['scenario_hash'][:12]}  {task['about']}")
@@ -62,131 +42,27 @@ def list_tasks(as_json: options.Json = False) -> None:
     )
 
 
-def run(
-    task: Annotated[
-        str,
-        typer.Argument(
-            metavar="TASK",
-            help="The task, such as uav-v1/coverage or uav-v1/coverage/small.",
-            autocompletion=complete_tasks,
-        ),
-    ],
-    policy: Annotated[
-        list[str],
-        typer.Option(
-            metavar="POLICY",
-            help="The policy: a name, a file or a class, as in `run --policy`. Given several "
-            "times, these are the policies of several trainings, which make one submission.",
-            rich_help_panel=options.MAKING,
-        ),
-    ],
-    track: Annotated[
-        str,
-        typer.Option(
-            metavar="one|any",
-            help="The track: one world, or test worlds in which no policy was trained.",
-            rich_help_panel=options.MAKING,
-        ),
-    ] = "one",
-    seeds: Annotated[
-        int,
-        typer.Option(
-            metavar="N",
-            callback=options.within(1, 10),
-            help="Run only the first N seeds of the protocol; the leaderboard then says so.",
-            rich_help_panel=options.MAKING,
-        ),
-    ] = 10,
-    name: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="What the leaderboard calls the policy. By default it is the policy's name.",
-            rich_help_panel=options.OUTPUT,
-        ),
-    ] = None,
-    training_steps: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            callback=options.within(1, 10**12),
-            help="The steps (decision epochs) of a training, at most those that the task allows. "
-            "They are stated in the submission and cannot be checked.",
-            rich_help_panel=options.OUTPUT,
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="The folder of the submission. By default it is a new one in runs/.",
-            rich_help_panel=options.OUTPUT,
-        ),
-    ] = None,
-    jobs: Jobs = 1,
-    as_json: options.Json = False,
-    quiet: options.NoProgress = False,
-) -> None:
-    """Evaluate a policy by the protocol, and write a submission that can be replayed."""
-    import desim_uav as du
-
-    interrupted = None
-    try:
-        done = du.bench_run(
-            task,
-            policy,
-            track=track,
-            seeds=seeds,
-            name=name,
-            training_steps=training_steps,
-            out=out,
-            jobs=jobs,
-            progress=not quiet,
-        )
-    except du.Interrupted as stopped:
-        done, interrupted = stopped.result, str(stopped)
-    except KeyboardInterrupt:
-        complain("interrupted; no seed has ended")
-        raise typer.Exit(130) from None
+@made(bench_run, AS_JSON, NO_PROGRESS, NO_PLUGINS)
+def run(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+    """Print how the policy did, and the folder of the submission."""
+    done, interrupted = ended(bench_run, asked, "no seed has ended")
     if as_json:
-        print(json.dumps(done.content(), indent=1))
+        print_json(done.content())
     else:
         from desim_uav.report.text import print_bench
 
         print_bench(done.content())
         tell(done.folder)
-    if interrupted is not None:
-        complain(interrupted)
-        raise typer.Exit(130)
+    end(interrupted)
 
 
-def verify(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="The submission, as `bench run` writes it.")
-    ],
-    decide: Annotated[
-        bool,
-        typer.Option(
-            "--decide",
-            help="Load the policy as well, and let it decide again. This runs its code.",
-            rich_help_panel=options.MAKING,
-        ),
-    ] = False,
-    jobs: Jobs = 1,
-    as_json: options.Json = False,
-    quiet: options.NoProgress = False,
-) -> None:
-    """Replay a submission bit for bit, and name every difference."""
-    import desim_uav as du
-
-    try:
-        said = du.bench_verify(folder, decide=decide, jobs=jobs, progress=not quiet)
-    except KeyboardInterrupt:
-        complain("interrupted; nothing was found out")
-        raise typer.Exit(130) from None
+@made(bench_verify, AS_JSON, NO_PROGRESS, NO_PLUGINS)
+def verify(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+    """Print the differences, and end with exit code 6 if there are any."""
+    folder = asked["folder"]
+    said, _ = ended(bench_verify, asked, "nothing was found out")
     if as_json:
-        content = {"folder": str(folder), "verified": not said, "differences": said}
-        print(json.dumps(content, indent=1))
+        print_json({"folder": str(folder), "verified": not said, "differences": said})
     elif not said:
         tell(f"{folder}: all runs replayed, bit for bit the same")
     if said:
@@ -194,48 +70,19 @@ def verify(
         raise typer.Exit(6)
 
 
-def board(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="DIR…",
-            help="Submissions, as `bench run` writes them, or folders of submissions.",
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="FILE.md",
-            help="The file for the tables. By default they are printed.",
-            rich_help_panel=options.OUTPUT,
-        ),
-    ] = None,
-    figure: Annotated[
-        Path | None,
-        typer.Option(
-            "--figure",
-            metavar="FILE",
-            help="The file for the performance profiles: .png, .pdf or .svg.",
-            rich_help_panel=options.OUTPUT,
-        ),
-    ] = None,
-    as_json: options.Json = False,
-) -> None:
-    """Make the leaderboard of submissions, in Markdown. It does not replay them."""
-    import desim_uav as du
-
-    found = du.bench_board(folders, out=out, figure=figure)
+@made(bench_board, AS_JSON)
+def board(asked: dict[str, Any], as_json: bool) -> None:
+    """Print the leaderboard, or the files that it was written to."""
+    found = bench_board(**asked)
     if as_json:
-        print(json.dumps(found.content(), indent=1))
-    elif out is None:
+        print_json(found.content())
+    elif asked["out"] is None:
         print(found.markdown(), end="")
-    for file in (out, figure):
+    for file in (asked["out"], asked["figure"]):
         if file is not None and not as_json:
             tell(file)
 
 
 app.command("list", cls=Command)(list_tasks)
-for command in (careful(run), careful(verify), board):
+for command in (run, verify, board):
     app.command(cls=Command)(command)

@@ -13,9 +13,9 @@ import typer
 
 from desim_uav import __version__
 from desim_uav.api.invocation import begun_by
-from desim_uav.cli import basics, bench, gallery, learning, pictures, runs
+from desim_uav.cli import basics, bench, learning, pictures, runs
 from desim_uav.cli.ending import complain
-from desim_uav.cli.plain import Command, Group, careful
+from desim_uav.cli.plain import Command, Group
 from desim_uav.errors import DesimError, UsageError, drop
 from desim_uav.experiment.interrupt import INTERRUPTED, end_politely, leave
 from desim_uav.notices import replace_lacking
@@ -31,20 +31,20 @@ app = typer.Typer(
 
 COMMANDS: list[Callable[..., None]] = [
     basics.scenarios,
-    careful(basics.validate),
+    basics.validate,
     basics.schema,
-    careful(runs.run),
-    careful(learning.train),
-    careful(learning.optimum),
+    runs.run,
+    learning.train,
+    learning.optimum,
     learning.reproduce,
-    careful(runs.qoe),
-    careful(runs.compare),
-    careful(runs.sweep),
-    careful(pictures.replay),
-    careful(pictures.report),
-    careful(pictures.plot),
-    careful(pictures.video),
-    gallery.gallery,
+    runs.qoe,
+    runs.compare,
+    runs.sweep,
+    pictures.replay,
+    pictures.report,
+    pictures.plot,
+    pictures.video,
+    basics.gallery,
     basics.doctor,
 ]
 """As `--help` lists them."""

@@ -203,9 +203,9 @@ def compare_policies(
     episodes: int,
     warmup: int,
     *,
-    against: str | None = None,
-    jobs: int = 1,
-    engine: str = "des",
+    against: str | None,
+    jobs: int,
+    engine: str,
     on_replication: Callable[[], None] = lambda: None,
 ) -> Comparison:
     """Run each policy on each seed; the seed draws the world, too, unless the scenario names one.
@@ -296,7 +296,7 @@ def try_on(
     scenario: Scenario,
     policies: Mapping[str, PolicyLike],
     seeds: Sequence[int],
-    engine: str = "des",
+    engine: str,
 ) -> None:
     """Let each policy begin once, before anything is run.
 

@@ -45,8 +45,8 @@ LARGEST = 2 * 10**7
 
 def optimum(
     scenario: Scenario,
-    seeds: int = 1,
-    episodes: int = 20,
+    seeds: int,
+    episodes: int,
     on_work: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Return everything that can be computed about the best policies, as one JSON object.

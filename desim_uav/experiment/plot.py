@@ -159,25 +159,13 @@ KINDS: Mapping[str, Kind] = {
 }
 
 
-def plot(kind: str, sources: Sequence[Path], out: Path | None, options: Mapping[str, Any]) -> Path:
-    """Draw a figure, write it in one step and return its file. Options that are None are ignored.
-
-    Raises UsageError for wrong arguments, and PolicyError if a folder cannot be read.
-    """
-    chosen(kind, len(sources), options)
-    place = _default(kind, sources) if out is None else out
-    target = Target(place, "" if out is None else "--out")
-    target.write(draw(kind, [Source(source) for source in sources], options))
-    return place
-
-
 class Target:
     """The file of a figure, which is checked before the figure is drawn.
 
     Raises UsageError for a file of another kind, or one that cannot be written.
     """
 
-    def __init__(self, out: Path, option: str) -> None:
+    def __init__(self, out: Path, option: str = "") -> None:
         from desim_uav.report.figures.style import ending
 
         self._suffix = ending(out, option or "--out")
@@ -223,15 +211,6 @@ def chosen(kind: str, sources: int, options: Mapping[str, Any]) -> Kind:
     if sources > 1 and not found.several:
         raise UsageError(f"{kind}: give one folder, not {sources}")
     return found
-
-
-def _default(kind: str, sources: Sequence[Path]) -> Path:
-    """Return the default file: in the one folder, or else in the working folder."""
-    if len(sources) == 1 and sources[0].is_dir():
-        return sources[0] / f"{kind}.png"
-    if kind == "policy":
-        return Path(f"{sources[0].stem}.png")
-    return Path(f"{kind}.png")
 
 
 def film(

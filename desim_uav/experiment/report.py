@@ -21,25 +21,8 @@ from desim_uav.report.comparison_page import Compared, comparison_page
 from desim_uav.report.page import Reported
 from desim_uav.report.run_page import run_page
 from desim_uav.report.text import MEASURES
-from desim_uav.run_folder import file_place, write_at
 
 NAME = "report.html"
-
-
-def report(
-    runs: Sequence[Path | Source], out: Path | None, title: str | None, against: str | None
-) -> Path:
-    """Write the report of a run, of a sweep, or of several runs compared; return its file.
-
-    Without ``out`` it is written into the folder of the run or sweep, and for several runs into the
-    working folder. ``against`` is the reference policy. Raises PolicyError, and writes nothing, if
-    a folder cannot be read or the runs cannot be compared.
-    """
-    sources = [Source.of(run) for run in runs]
-    place = out or (sources[0].folder / NAME if len(sources) == 1 else Path(NAME))
-    file = file_place(place, "" if out is None else "--out")
-    write_at(file, make_report(sources, place, title, against).encode())
-    return place
 
 
 def make_report(
@@ -51,7 +34,7 @@ def make_report(
 ) -> str:
     """Return the page about a run, a sweep or several runs compared, which will be at ``place``.
 
-    Raises as ``report`` does.
+    Raises PolicyError if a folder cannot be read or the runs cannot be compared.
     """
     if not sources:
         raise UsageError("runs: give at least one run")

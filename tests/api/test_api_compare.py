@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import desim_uav as du
-from desim_uav.errors import PolicyError, ScenarioError, UsageError
+from desim_uav.errors import PolicyError, UsageError
 from desim_uav.policies.hover import Hover
 
 
@@ -92,7 +92,7 @@ class TestPolicies:
             (["hover", "hoover"], {}, PolicyError, "hoover"),
             ({"mine": lambda o, m: 0}, {"jobs": 2}, UsageError, "cannot be sent"),
             (["hover"], {"jobs": 0}, UsageError, "jobs: 0"),
-            (["hover"], {"world_seed": -1}, ScenarioError, "world_seed=-1: must be at least 0"),
+            (["hover"], {"world_seed": -1}, UsageError, "world_seed: -1: must be a whole number"),
             (["hover"], {"against": "random"}, UsageError, "--against random"),
             (["hover"], {"overrides": {"seed": 3}}, UsageError, "override seed: each replication"),
         ],

@@ -402,7 +402,7 @@ class TestOptions:
         assert part in str(caught.value)
 
     def test_a_seed_that_is_none(self):
-        with pytest.raises(ScenarioError, match="seed"):
+        with pytest.raises(UsageError, match="seed: -1: must be a whole number from 0"):
             du.run("tiny", seed=-1)
 
 

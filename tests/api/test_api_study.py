@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 import desim_uav as du
-from desim_uav.cli import learning, pictures, runs
 from desim_uav.errors import UsageError
 
 
@@ -66,7 +65,7 @@ def test_the_best_possible():
     ("options", "part"),
     [
         ({"cases": "0-3"}, "--cases 0-3"),
-        ({"preset": "papr"}, "--preset papr"),
+        ({"preset": "papr"}, "preset: 'papr' (did you mean 'paper'?)"),
         ({"seeds": 0}, "seeds: 0"),
         ({"jobs": 0}, "jobs: 0"),
         ({"episodes": 0}, "episodes: 0"),
@@ -77,32 +76,6 @@ def test_what_cannot_be_reproduced(options, part):
         du.reproduce(**options)
     assert part in str(caught.value)
     assert list(Path.cwd().iterdir()) == []
-
-
-OTHER_NAMES = {"as_json", "quiet", "context", "what", "learn", "algorithm", "check", "resume"}
-OTHER_NAMES |= {"fork", "to"}  # of ``counterfactual``
-
-
-@pytest.mark.parametrize(
-    ("command", "function"),
-    [
-        (runs.run, du.run),
-        (learning.train, du.train),
-        (runs.compare, du.compare),
-        (runs.sweep, du.sweep),
-        (learning.reproduce, du.reproduce),
-        (learning.optimum, du.find_optimum),
-        (pictures.replay, du.write_replay),
-    ],
-)
-def test_options_have_the_names_and_defaults_of_the_command_line(command, function):
-    theirs = inspect.signature(command).parameters
-    ours = inspect.signature(function).parameters
-    missing = set(theirs) - set(ours) - OTHER_NAMES - {"overrides", "open_it"}
-    assert not missing
-    for name in set(theirs) & set(ours) - {"policies", "overrides"}:
-        if theirs[name].default is not inspect.Parameter.empty:
-            assert Path(str(ours[name].default)) == Path(str(theirs[name].default)), name
 
 
 def test_every_public_name_is_there_and_documented():

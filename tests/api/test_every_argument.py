@@ -28,8 +28,8 @@ from desim_uav.experiment.sweep.table import Done
 from desim_uav.policies.hover import Hover
 from desim_uav.policies.mlp import Mlp, description_of, scaling_of
 from desim_uav.shipped import scenario_path
+from desim_uav.typed import hints_of
 
-Figure = typing.NewType("Figure", object)
 SHORT = {"episode.steps": 2}
 NOT_HERE = {"register", "draw"}
 """A decorator, and a function of worlds and numbers alone, which are only called wrongly."""
@@ -61,6 +61,8 @@ FUNCTIONS = public() | {
 
 def kinds(hint: Any) -> list[str]:
     """Return the kinds of values that an annotation allows."""
+    if typing.get_origin(hint) is typing.Annotated:
+        return kinds(typing.get_args(hint)[0])
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return [kind for one in typing.get_args(hint) for kind in kinds(one)]
     origin = typing.get_origin(hint)
@@ -73,7 +75,7 @@ def kinds(hint: Any) -> list[str]:
 
 def asked(function: Any) -> list[tuple[str, str]]:
     """Return the parameters of a function with each of the kinds that they take."""
-    hints = typing.get_type_hints(function, localns={"Figure": Figure})
+    hints = hints_of(function)
     return [
         (parameter.name, kind)
         for parameter in inspect.signature(function).parameters.values()
@@ -290,7 +292,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "width": {"int": 160},
     "plot.kind": {"str": "services"},
     "plot.runs": SOURCES | several(SOURCES),
-    "plot.out": files(".svg"),
+    "plot.out": files(".svg") | {"bool": True},
     "RunResult.plot.out": files(".svg"),
     "TrainingResult.plot.out": files(".svg"),
     "Comparison.plot.out": files(".svg"),

@@ -166,3 +166,25 @@ def test_ids_are_registered_in_either_order_of_imports(script: str):
     command = [sys.executable, "-W", "error", "-c", script]
     told = subprocess.run(command, capture_output=True, check=False, text=True)
     assert (told.stdout, told.stderr) == ("1\n", "")
+
+
+@pytest.mark.parametrize(
+    "imports",
+    [
+        ("desim_uav", "gymnasium"),
+        ("gymnasium", "desim_uav"),
+        ("desim_uav", "importlib.util", "gymnasium.envs.registration"),
+        ("desim_uav.env",),
+    ],
+)
+def test_the_ids_are_there_once_both_are_imported(imports: tuple[str, ...]):
+    """Whatever is imported first, and if somebody has only looked whether Gymnasium is there."""
+    lines = [f"import {each}" for each in imports]
+    lines.insert(1, "import importlib.util; importlib.util.find_spec('gymnasium')")
+    code = "\n".join([*lines, "import gymnasium, sys", "print(*sorted(gymnasium.registry))"])
+    code += "\nprint([type(each).__module__ for each in sys.meta_path])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert {"desim_uav/Case1-v0", "desim_uav/Uav-v0", "desim_uav/MoUav-v0"} <= set(
+        done.stdout.split()
+    )
+    assert "desim_uav" not in done.stdout.splitlines()[-1]

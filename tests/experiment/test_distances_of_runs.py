@@ -2,8 +2,8 @@
 
 import pytest
 
+from desim_uav.api.pictures import write_report as report
 from desim_uav.experiment.command import read_summary, run_to_folder
-from desim_uav.experiment.report import report
 from desim_uav.experiment.run import Tally
 from desim_uav.records import APART
 from desim_uav.report.run import Run

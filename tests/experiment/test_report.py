@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 
 from desim_uav import cli, qoe
+from desim_uav.api.pictures import write_report as report
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import report as reporting
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.compare_runs import compare_runs
-from desim_uav.experiment.report import report
 from desim_uav.experiment.statistics import estimate
 from desim_uav.report import page as page_module
 from desim_uav.report import run_page

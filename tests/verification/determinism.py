@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from desim_uav import compare
 from desim_uav.engine.base import EpisodeLog, Event
 from desim_uav.engine.des.clock import Clock
-from desim_uav.experiment.compare import compare_policies
 from desim_uav.experiment.run import Results, run
 from desim_uav.policies import load_policy
 from desim_uav.scenario.load import load
@@ -63,10 +63,15 @@ def in_other_processes(hash_seeds: Sequence[str] = HASH_SEEDS) -> Iterator[Figur
 
 def in_two_workers() -> Iterator[Figure]:
     """A comparison on three seeds, by one worker and by two."""
-    scenario = load(scenario_path("tiny"))
     one, two = (
-        compare_policies(
-            scenario, {"baseline": "baseline", "random": "random"}, range(3), 2, 0, jobs=jobs
+        compare(
+            "tiny",
+            policies=["baseline", "random"],
+            seeds=3,
+            episodes=2,
+            warmup=0,
+            jobs=jobs,
+            progress=False,
         ).rows()
         for jobs in (1, 2)
     )

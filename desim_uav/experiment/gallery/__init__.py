@@ -146,6 +146,11 @@ def summary(compared: Sequence[Compared]) -> str:
     return f"{counted['hold']} of {claimed} figures hold, {counted['open']} are open"
 
 
+def tables(compared: Sequence[Compared]) -> list[tuple[str, list[Any]]]:
+    """Return the title and the rows of each paper's table."""
+    return [(f"{one.name}. {one.paper}", [row.cells() for row in one.rows]) for one in compared]
+
+
 def without_figure(compared: Sequence[Compared]) -> list[str]:
     """Return the names of the papers for which no figure is drawn."""
     return [one.name for one in compared if ENTRIES[one.name].draw is None]

@@ -31,12 +31,12 @@ def sweep_to_folder(
     out: Path,
     *,
     resume: bool,
-    backend: str = "local",
-    workers: int | None = None,
-    address: str | None = None,
-    command: Sequence[str] = (),
-    show_progress: bool = False,
-    say: Callable[[str], None] = lambda notice: None,
+    backend: str,
+    workers: int | None,
+    address: str | None,
+    command: Sequence[str],
+    show_progress: bool,
+    say: Callable[[str], None],
 ) -> Done:
     """Run a sweep and keep the row of each job when it has ended.
 

@@ -115,9 +115,9 @@ def train_in_memory(
     scenario: Scenario,
     *,
     command: Sequence[str],
-    engine: str | None = None,
-    pauses: Sequence[Pause] = (),
-    on_episode: OnEpisode = lambda rows: None,
+    engine: str | None,
+    pauses: Sequence[Pause],
+    on_episode: OnEpisode,
 ) -> Course:
     """Train and write nothing. Ctrl-C ends the training after the current episodes."""
     course = begin(scenario, engine, command)

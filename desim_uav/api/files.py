@@ -1,0 +1,134 @@
+"""What only the command line offers: scenario files, the installation, and published papers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from desim_uav.api.parameters import verb
+from desim_uav.errors import ScenarioError, notice
+
+if TYPE_CHECKING:
+    from desim_uav.api.kinds import Overrides
+    from desim_uav.experiment.doctor import Finding
+    from desim_uav.experiment.gallery import Compared
+
+
+@verb
+def list_scenarios(show: str | None = None) -> dict[str, str]:
+    """List the shipped scenarios.
+
+    In Python, this returns what each is about, by its name; or the text of one.
+
+    Args:
+        show: Print the file of this shipped scenario.
+
+    Raises:
+        ScenarioError: there is no shipped scenario of this name.
+    """
+    from desim_uav import shipped
+
+    if show is not None:
+        return {show: shipped.scenario_path(show).read_text(encoding="utf-8")}
+    texts = list(map(list_scenarios, shipped.scenario_names()))
+    return {name: _first_comment(text) for each in texts for name, text in each.items()}
+
+
+def _first_comment(text: str) -> str:
+    first = text.partition("\n")[0]
+    return first.lstrip("# ") if first.startswith("#") else ""
+
+
+@verb
+def validate(files: Sequence[str], overrides: Overrides | None = None) -> Iterator[str]:
+    """Check scenario files: print every error of each, and see that their worlds can be drawn.
+
+    For a scenario that only the SimPy engine can run, print a notice with the keys and the reason.
+    Components that a file names as module:Class are imported from the working folder, which runs
+    their code; --no-plugins refuses them.
+
+    In Python, this yields what is to be printed of each file.
+
+    Args:
+        files: Scenario files, or names of shipped scenarios.
+        overrides: Set a key of the scenario, as in users.count=60. In a terminal, -S may be
+            repeated.
+
+    Raises:
+        ScenarioError: a scenario is invalid; it is raised after the last file.
+    """
+    from desim_uav.engine.choose import lacking_of
+    from desim_uav.experiment.interrupt import at_once
+    from desim_uav.scenario.doubts import recordings, warn_of
+    from desim_uav.scenario.draft import blaming
+    from desim_uav.scenario.load import load, override_texts
+    from desim_uav.shipped import find_scenario
+    from desim_uav.world import build_world
+
+    problems: list[str] = []
+    settings = override_texts(overrides or ())
+    for file in files:
+        try:
+            path = find_scenario(file)
+            scenario = at_once(load, path, settings)
+            with blaming(path, settings):
+                world = at_once(build_world, scenario, scenario.effective_world_seed)
+            warn_of(scenario)
+            for why in at_once(lacking_of, world):
+                notice(f"{file}: only the SimPy engine (--engine des) can run this scenario: {why}")
+            yield f"{file}: valid"
+            yield from (f"{file}: {recording}" for recording in recordings(scenario))
+        except ScenarioError as error:
+            problems += error.problems
+    if problems:
+        raise ScenarioError(*problems)
+
+
+def schema() -> dict[str, Any]:
+    """Print the JSON Schema of scenario files, for editors."""
+    from desim_uav.scenario.load import json_schema
+
+    return json_schema()
+
+
+def doctor() -> list[Finding]:
+    """Check the installation: versions, extras, the compiled code, and what can be written."""
+    from desim_uav.experiment.doctor import examine
+
+    return examine()
+
+
+@verb
+def gallery(
+    names: Sequence[str] = (),
+    figure: str | Path | None = None,
+    markdown: str | Path | None = None,
+    *,
+    progress: bool = True,
+) -> tuple[list[Compared], list[Path]]:
+    """Compute what published papers print, and end with exit code 6 if a figure does not hold.
+
+    In Python, this returns the papers and the files of their figures.
+
+    Args:
+        names: The papers, such as al_hourani_2014. By default they are all.
+        figure: Draw a figure of each paper into DIR.
+        markdown: Write the tables to FILE, in Markdown.
+        progress: Show the progress.
+
+    Raises:
+        UsageError: there is no such paper, or a file cannot be written.
+    """
+    from desim_uav.experiment import gallery as work
+    from desim_uav.report.gallery import markdown_tables
+    from desim_uav.run_folder import file_place, write_at
+
+    place = None if markdown is None else file_place(Path(markdown), "--markdown")
+    folder = None if figure is None else Path(figure)
+    if folder is not None:
+        file_place(folder / "figure.png", "--figure")  # refused before anything is computed
+    compared = work.gallery(names, show_progress=progress)
+    if place is not None:
+        write_at(place, markdown_tables(work.COLUMNS, work.tables(compared)).encode())
+    return compared, [] if folder is None else work.draw_all(compared, folder)
