@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.spaces import Box, MultiDiscrete
 
 from desim_uav.commands import CellCommands, Commands, EachCommands, FreeCommands
 from desim_uav.commands.given import CommandError
@@ -136,6 +137,13 @@ class TestEachFleet:
             assert ("right" in named) == (space == "cells")
             assert "hover" in named
             assert all(commands.actions[k].name.lower() == name for name, k in named.items())
+
+
+def test_the_space_of_many_environments():
+    of_cells = world_of("cells").commands.of_all("a test").space_of_each(3)
+    assert of_cells == MultiDiscrete(np.full((3, 2), 7))
+    of_free = world_of("free").commands.of_all("a test").space_of_each(3)
+    assert of_free == Box(-1.0, 1.0, (3, 2, 4), np.float32)
 
 
 def test_only_drones_that_all_move_alike_have_one_array():

@@ -109,6 +109,12 @@ class CellCommands(Alike):
         actions = len(self.actions)
         return Discrete(actions) if drones == 1 else MultiDiscrete([actions] * drones)
 
+    def space_of_each(self, count: int) -> Any:
+        """Return the space of the commands of each drone in so many environments."""
+        from gymnasium.spaces import MultiDiscrete
+
+        return MultiDiscrete(np.full((count, *self.shape_of_each), len(self.actions)))
+
     def joined(self, given: Sequence[Any]) -> Any:
         """Return the indices; that of a single drone alone."""
         if self.scenario.differing:

@@ -150,6 +150,10 @@ class FreeCommands(Alike):
         """Return Gymnasium's space of the commands of so many drones as one action."""
         return _box(drones * len(self.names))
 
+    def space_of_each(self, count: int) -> Any:
+        """Return the space of the commands of each drone in so many environments."""
+        return _box(count, *self.shape_of_each)
+
     def joined(self, given: Sequence[Any]) -> Any:
         """Return the numbers, one drone after the other, with 0 for what a drone does not have."""
         numbers = np.zeros(self.shape_of_each)
@@ -209,7 +213,7 @@ def take_aim(drone: Any, aim: Sequence[float]) -> None:
     course.aim_x, course.aim_y, course.aim_z, course.aim_cruise, course.aim_charge = aim
 
 
-def _box(numbers: int) -> Any:
+def _box(*shape: int) -> Any:
     from gymnasium.spaces import Box  # which takes long to import
 
-    return Box(-1.0, 1.0, (numbers,), np.float32)
+    return Box(-1.0, 1.0, shape, np.float32)

@@ -75,8 +75,7 @@ class UavParallelVectorEnv(Many):
         self.observation_space = batch_space(of_one, num_envs)
         self.single_state_space = state_space(len(first.state_names))
         self.state_space = batch_space(self.single_state_space, num_envs)
-        each = batch_space(self.single_action_space, self.drones)
-        self.action_space = batch_space(each, num_envs)
+        self.action_space = self.commands.space_of_each(num_envs)
 
     def _set_up(self) -> None:
         super()._set_up()
