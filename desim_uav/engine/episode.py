@@ -18,7 +18,7 @@ from desim_uav.engine.restorable import Restorable
 from desim_uav.errors import SimulationError
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.motion.planner import Node
-from desim_uav.model.rules import US, Mode, Outcome, Phase
+from desim_uav.model.rules import IN_QUEUE, TIMED, US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observation_of, snapshot_of
 from desim_uav.rowcode.rows import Queue
 from desim_uav.rules import requests, wide
@@ -145,7 +145,7 @@ class Engine(Restorable):
         carried = []
         for drone in drones:
             hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
-            goes_on = drone.mode == Mode.FLYING and drone.until_us > now_us
+            goes_on = drone.mode in TIMED and drone.until_us > now_us
             moves = goes_on and not drone.off_grid and drone.transit != REST
             carried.append(
                 base.CarriedDrone(
@@ -184,7 +184,7 @@ class Engine(Restorable):
             if one.fallen_m is not None:
                 drone.fallen = 1
                 drone.fallen_x_m, drone.fallen_y_m = one.fallen_m
-            if one.mode in (Mode.QUEUED, Mode.CHARGING):
+            if one.mode in IN_QUEUE:
                 station = self.world.stations.index(one.node[:2])
                 landed[station].append((one.place, drone.index))
         for station, waiting in zip(self.state.stations, landed, strict=True):
