@@ -100,11 +100,11 @@ def test_another_engine_takes_up_a_mode_of_ones_own(cooling: int):
 
 
 def test_a_mode_in_no_set_is_not_commanded(cooling: int, monkeypatch: pytest.MonkeyPatch):
-    # Nobody says how it ends, so it lasts; it was taken for one in which the drone decides.
+    # Nothing says how it ends, so it lasts; the drone is not charged anew.
     monkeypatch.setattr(words, "TIMED", (words.FLYING,))
     monkeypatch.setattr(episode, "TIMED", TIMED)
     flight = Flight(returning(2, starts=[(4, 0)]), carry_over=True)
     flight.episode(path_of(flight.world), "hover charge")
     flight.episode(path_of(flight.world), "charge charge")
     assert {mode for mode, *_ in modes(flight)} == {"COOLING"}
-    assert not flight.engine.state.drones[0].waits
+    assert flight.engine.state.charges == 0
