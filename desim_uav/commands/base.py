@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.commands.given import Command, by_name
+from desim_uav.commands.given import Command, CommandError, by_name
 from desim_uav.copies import Unchanging
 from desim_uav.drone_type import DroneType
 from desim_uav.model.rules import Choice
@@ -106,6 +107,19 @@ class Alike(Unchanging):
     def whose(self, drone: int) -> str:
         """Return that the actions are those of all drones."""
         return "this scenario"
+
+    @abstractmethod
+    def allowed(self, drone: int) -> str:
+        """Return in words what a drone can be commanded."""
+
+    def index(self, drone: int, command: Any) -> int:
+        """Return a command as an index; -1 if it is that of no action. Raises CommandError."""
+        try:
+            return int(command) if 0 <= command < len(self.actions) else -1
+        except (TypeError, ValueError) as problem:
+            raise CommandError(
+                f"a command of drone {drone} is {self.allowed(drone)}; not {command!r}"
+            ) from problem
 
     def own(self, drone: int) -> DroneType:
         """Return the type of a drone."""

@@ -73,13 +73,7 @@ class CellCommands(Alike):
 
         Raises CommandError for anything else.
         """
-        try:
-            drone.command = int(command) if 0 <= command < len(self.actions) else -1
-        except (TypeError, ValueError) as problem:
-            raise CommandError(
-                f"drone {drone.index} flies from cell to cell; its command is the index of an "
-                f"action, not {command!r}"
-            ) from problem
+        drone.command = self.index(drone.index, command)
 
     def space(self, drone: int) -> Any:
         """Return Gymnasium's space of a drone's commands: the actions of its type."""

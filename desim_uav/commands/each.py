@@ -58,8 +58,7 @@ class EachCommands(Unchanging):
 
     def joined(self, given: Sequence[Any]) -> list[Any]:
         """Return the list of commands, each checked for its drone."""
-        checked = [self._of[drone].checked(drone, one) for drone, one in enumerate(given)]
-        return [one if isinstance(one, int) else one.tolist() for one in checked]
+        return [self._of[drone].checked(drone, one) for drone, one in enumerate(given)]
 
     def split(self, action: Any) -> Sequence[Command]:
         """Return the commands, which ``joined`` has checked."""

@@ -106,12 +106,9 @@ class FreeCommands(Alike):
 
         Raises CommandError for anything else.
         """
-        aim = self.aim(drone.index, command)
+        aim, fly = self.aim(drone.index, command), self.actions.index(Action.FLY)
+        drone.command = fly if aim is not None else self.index(drone.index, command)
         take_aim(drone, aim or (0.0,) * AIMS)
-        if aim is not None:
-            drone.command = self.actions.index(Action.FLY)
-        else:
-            drone.command = int(command) if 0 <= command < len(self.actions) else -1
 
     def aim(self, drone: int, command: Any) -> tuple[float, ...] | None:
         """Return the AIMS numbers of a command of a drone; None if it is an index.
@@ -139,10 +136,11 @@ class FreeCommands(Alike):
         """Return which entries of a mask are those of a drone's type."""
         return [self.actions.index(action) for action in self.own(drone).actions]
 
-    def checked(self, drone: int, given: Any) -> NDArray[np.float64]:
+    def checked(self, drone: int, given: Any) -> list[float]:
         """Return the numbers of a drone. Raises CommandError, with the drone."""
         with naming(drone):
-            return real_numbers(given, (self.numbers(drone),))
+            numbers: list[float] = real_numbers(given, (self.numbers(drone),)).tolist()
+        return numbers
 
     # ---- of all drones
 
