@@ -56,11 +56,6 @@ class DroneType(Unchanging):
         return flies_freely(self.drones)
 
     @property
-    def command_numbers(self) -> int:
-        """How many numbers a command of free flight has."""
-        return self.scenario.map.dimensions + int(self.chooses_cruise) + int(self.limited)
-
-    @property
     def chooses_cruise(self) -> bool:
         """Whether a command of free flight has a number for the cruise speed."""
         return self.free and bool(cruise_of(self.drones.motion))

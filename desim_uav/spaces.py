@@ -1,4 +1,4 @@
-"""Gymnasium's spaces for a scenario's drones, and their masks as arrays."""
+"""Gymnasium's spaces for what is observed, and masks as arrays (actions: ``commands``)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, Discrete, MultiDiscrete
+from gymnasium.spaces import Box, MultiDiscrete
 from numpy.typing import NDArray
 
 from desim_uav.model.geometry.grid import altitudes
@@ -77,30 +77,6 @@ def observation_space(shown: Iterable[Feature]) -> MultiDiscrete[Any] | Box:
         start, last = np.array(low, np.int64), np.array(high, np.int64)
         return MultiDiscrete(last - start + 1, start=start)
     return Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
-
-
-def action_space(actions: int, drones: int) -> Discrete[Any] | MultiDiscrete[Any]:
-    """Return a Discrete for a single drone, else a MultiDiscrete with one entry per drone."""
-    return Discrete(actions) if drones == 1 else MultiDiscrete([actions] * drones)
-
-
-def command_space(numbers: int, drones: int = 1) -> Box:
-    """Return the space of commands of free flight, those of the drones one after the other."""
-    return Box(-1.0, 1.0, (numbers * drones,), np.float32)
-
-
-def action_space_of(
-    world: World, drones: int | None = None
-) -> Discrete[Any] | MultiDiscrete[Any] | Box:
-    """Return the space of the actions of so many drones of a world (None: of all).
-
-    Raises ScenarioError if some drones fly freely and others from cell to cell.
-    """
-    world.scenario.require_one_space("an environment whose actions are one array")
-    drones = world.scenario.drone_count if drones is None else drones
-    if world.free:
-        return command_space(world.command_numbers, drones)
-    return action_space(len(world.actions), drones)
 
 
 def state_space(numbers: int) -> Box:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.commands import Commands, commands_for
 from desim_uav.copies import Unchanging
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
@@ -20,13 +21,13 @@ from desim_uav.model.energy.charging import Charging
 from desim_uav.model.geometry.grid import Cell, Grid, altitudes, connected
 from desim_uav.model.mobility.mobility import walks_of
 from desim_uav.model.mobility.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
-from desim_uav.model.motion.motion import Transit, cruise_of
+from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import Node, Planner
 from desim_uav.model.motion.space import require_free
 from desim_uav.model.observations import Feature
 from desim_uav.model.radio.link import thresholds_db
 from desim_uav.model.random.streams import Purpose, Seeds, Streams, states_of
-from desim_uav.model.rules import US, Action, Choice, actions, free_actions
+from desim_uav.model.rules import US, Choice
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
 from desim_uav.registry import naming_plug_ins
@@ -123,11 +124,12 @@ class World(Unchanging):
         If only some types fly freely, the actions are those of flight from cell to cell and then
         ``FLY``. A mask allows a drone only what its own type has (``DroneType.actions``).
         """
-        limited, by_cells = self.scenario.limited_battery, self._flying_by_cells
-        if by_cells is None:
-            return free_actions(limited)
-        chosen = actions(self.scenario.three_d, limited, cruise_of(by_cells.drones.motion))
-        return (*chosen, Action.FLY) if self.free else chosen
+        return self.commands.actions
+
+    @cached_property
+    def commands(self) -> Commands:
+        """What the drones can be commanded."""
+        return commands_for(self.scenario, self.types)
 
     @cached_property
     def _flying_by_cells(self) -> DroneType | None:
@@ -145,32 +147,12 @@ class World(Unchanging):
         return self.scenario.mixed
 
     @cached_property
-    def command_numbers(self) -> int:
-        """How many numbers a command of free flight has, at most; 0 if drones fly by cells."""
-        return max((own.command_numbers for own in self.types if own.free), default=0)
-
-    @cached_property
-    def chooses_cruise(self) -> bool:
-        """Whether a command of free flight has a number for the cruise speed."""
-        return any(own.chooses_cruise for own in self.types)  # which free ones have in common
-
-    @cached_property
     def epoch_moves(self) -> dict[Choice, Transit]:
         """The transits of a type's moves: those of the first type that flies from cell to cell.
 
         Other such types have as many, in the same order. There are none if all drones fly freely.
         """
         return self._flying_by_cells.epoch_transits if self._flying_by_cells is not None else {}
-
-    @property
-    def command_names(self) -> tuple[str, ...]:
-        """The names of the numbers of a command of free flight; none if drones fly by cells."""
-        if not self.free:
-            return ()
-        cruise = ("aim_cruise",) if self.chooses_cruise else ()
-        limited = any(own.limited for own in self.types if own.free)
-        charge = ("aim_charge",) if limited else ()
-        return ("aim_x", "aim_y", "aim_z")[: self.dimensions] + cruise + charge
 
     @property
     def dimensions(self) -> int:

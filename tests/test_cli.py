@@ -549,7 +549,7 @@ class TestRunRefused:
         [
             ("0,0,rihgt", ".csv:2: action: 'rihgt': not an action (did you mean 'right'?)"),
             ("0,1,right", ".csv:2: drone: 1"),
-            ("0,0,up", ".csv:2: action: 'up' does not exist in this scenario"),
+            ("0,0,up", ".csv:2: action: 'up' is not an action of this scenario"),
             ("-1,0,right", ".csv:2: step: '-1': must be at least 0"),
             ("0,0", ".csv:2: action"),
         ],

@@ -26,7 +26,7 @@ from desim_uav.drawing.sprites import (
     wreck,
 )
 from desim_uav.engine.base import Measures, UserState
-from desim_uav.model.rules import US, Mode
+from desim_uav.model.rules import AIRBORNE, US, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.palette import USERS, drone_colour, ink_on
 from desim_uav.world import World
@@ -226,7 +226,7 @@ class Painter:
         for row, observation in enumerate(seen[:LISTED]):
             y = 319 + 30 * row
             words = observation.mode.name.lower()
-            if self.world.scenario.three_d and observation.mode in (Mode.FLYING, Mode.RETURNING):
+            if self.world.scenario.three_d and observation.mode in AIRBORNE:
                 words += f", {altitudes_m[row]:.0f} m"
             colour = drone_colour(observation.drone)
             stick(frame, dot(colour, 18), LEFT + 8, y + 13)

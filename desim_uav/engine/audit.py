@@ -18,7 +18,7 @@ from desim_uav.engine.audit_sight import possible_levels_dbm
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
-from desim_uav.rules.words import CHARGING, CRASHED, FLYING, QUEUED
+from desim_uav.rules.words import CHARGING, CRASHED, FLYING, IN_QUEUE
 
 if TYPE_CHECKING:
     from desim_uav.engine.des import Simulation
@@ -115,7 +115,7 @@ def _demand(state: Any) -> None:
 def _stations(world: Any, state: Any) -> None:
     """Check that each queued or charging drone is in one queue, and the number of used pads."""
     queued = [drone for station in state.stations for drone in station.queue]
-    there = [drone.index for drone in state.drones if drone.mode in (QUEUED, CHARGING)]
+    there = [drone.index for drone in state.drones if drone.mode in IN_QUEUE]
     assert sorted(queued) == there, f"{queued} in queues, {there} queued or charging"
     for station in state.stations:
         charging = [state.drones[d].mode == CHARGING for d in station.queue]

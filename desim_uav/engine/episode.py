@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from desim_uav.engine import base
 from desim_uav.engine.constants import hop_transit, term_names
-from desim_uav.engine.free import aim, carried_course, flown_leg, load_course
+from desim_uav.engine.free import carried_course, flown_leg, load_course
 from desim_uav.engine.restorable import Restorable
 from desim_uav.errors import SimulationError
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.motion.planner import Node
-from desim_uav.model.rules import US, Mode, Outcome, Phase
+from desim_uav.model.rules import IN_QUEUE, TIMED, US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observation_of, snapshot_of
 from desim_uav.rowcode.rows import Queue
 from desim_uav.rules import requests, wide
@@ -145,7 +145,7 @@ class Engine(Restorable):
         carried = []
         for drone in drones:
             hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
-            goes_on = drone.mode == Mode.FLYING and drone.until_us > now_us
+            goes_on = drone.mode in TIMED and drone.until_us > now_us
             moves = goes_on and not drone.off_grid and drone.transit != REST
             carried.append(
                 base.CarriedDrone(
@@ -184,7 +184,7 @@ class Engine(Restorable):
             if one.fallen_m is not None:
                 drone.fallen = 1
                 drone.fallen_x_m, drone.fallen_y_m = one.fallen_m
-            if one.mode in (Mode.QUEUED, Mode.CHARGING):
+            if one.mode in IN_QUEUE:
                 station = self.world.stations.index(one.node[:2])
                 landed[station].append((one.place, drone.index))
         for station, waiting in zip(self.state.stations, landed, strict=True):
@@ -206,21 +206,12 @@ class Engine(Restorable):
         """Write a step's commands into the drones' rows. Raises the errors of ``step``."""
         if self.latest is None or self.latest.terminated or self.latest.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")
-        drones, count = len(self.drones), len(self.world.actions)
-        if len(commands) != drones:
-            raise ValueError(f"{len(commands)} commands for {drones} drones")
+        if len(commands) != len(self.drones):
+            raise ValueError(f"{len(commands)} commands for {len(self.drones)} drones")
         self.latest = None  # which it stays if the step fails
-        for drone, command in zip(self.drones, commands, strict=True):
-            if drone.off_grid:
-                drone.command = aim(self.world, drone, command)
-                continue
-            try:
-                drone.command = int(command) if 0 <= command < count else -1
-            except (TypeError, ValueError) as problem:
-                raise ValueError(
-                    f"drone {drone.index} flies from cell to cell; its command is the index of an "
-                    f"action, not {command!r}"
-                ) from problem
+        known = self.world.commands
+        for d, (drone, command) in enumerate(zip(self.drones, commands, strict=True)):
+            known.of(d).give(drone, command)
 
     def check_components(self) -> None:
         """Raise SimulationError if the reward or the admission rule has broken its contract."""

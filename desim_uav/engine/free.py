@@ -1,4 +1,4 @@
-"""Free flight in an engine: the spaces of types of drones as rows, and commands as numbers."""
+"""Free flight in an engine: the spaces of types of drones as rows, and legs."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from desim_uav.commands.free import take_aim
 from desim_uav.engine.base import FlownLeg, FreeCarried
 from desim_uav.model.motion.flight import no_faster
 from desim_uav.model.motion.legs import FreeLeg, leg_between
 from desim_uav.model.motion.motion import TRAPEZOID
 from desim_uav.model.motion.space import Space, Ways
-from desim_uav.model.rules import Action, Mode
+from desim_uav.model.rules import Mode
 from desim_uav.rowcode.rows import Queue, Table, blank, fill
 from desim_uav.rules.free_flight import write_flight
 from desim_uav.rules.rows import Course, FlownRow, Piece, SpaceRow, WaysRow
@@ -67,69 +67,6 @@ def set_memory(state: Any, world: World, log: int) -> None:
         state.flown = Queue(of=FlownRow, buffer=log)
 
 
-def aim(world: World, drone: Any, command: Any) -> int:
-    """Write a command of free flight into a drone's row, and return the index of its action.
-
-    It is an index into ``World.actions``, or the numbers of a displacement, of the cruise speed if
-    there is a choice, and of the wish to charge if the battery is limited. Raises ValueError for
-    anything else.
-    """
-    numbers = numbers_of(world, drone.type, command)
-    _aim(drone.course, numbers or (0.0,) * AIMS)
-    if numbers is not None:
-        return world.actions.index(Action.FLY)
-    return int(command) if 0 <= command < len(world.actions) else -1
-
-
-def numbers_of(world: World, number: int, command: Any) -> tuple[float, ...] | None:
-    """Return the AIMS numbers of a command of a type of drones; None if it is an index.
-
-    Raises ValueError if it has another number of them, or if they are not finite.
-    """
-    if np.ndim(command) == 0:
-        return None
-    given = [float(one) for one in command]
-    own = {world.types[number].command_numbers, world.command_numbers}
-    if len(given) not in own or not all(map(math.isfinite, given)):
-        raise ValueError(f"a command of free flight is {min(own)} finite numbers, not {given}")
-    flown, more = given[: world.dimensions], given[world.dimensions :]
-    cruise, charge = (more[:1], more[1:]) if world.chooses_cruise else ([0.0], more)
-    return (*flown, *(0.0,) * (3 - len(flown)), *cruise, *(charge or [0.0]))
-
-
-def told_numbers(world: World, aims: Sequence[float]) -> NDArray[np.float64]:
-    """Return the numbers of commands (steps, drones, ``World.command_numbers``).
-
-    ``aims`` has the AIMS numbers of each, as ``numbers_of`` has returned them.
-    """
-    charge = world.command_numbers > world.dimensions + int(world.chooses_cruise)
-    columns = list(range(world.dimensions))
-    columns += [AIMS - 2] * world.chooses_cruise + [AIMS - 1] * charge
-    return np.array(aims, float).reshape(-1, len(world.type_numbers), AIMS)[:, :, columns]
-
-
-def as_told(
-    world: World, commands: Sequence[Sequence[int]], numbers: NDArray[np.float64]
-) -> list[list[int | list[float]]]:
-    """Return commands as an engine takes them: numbers instead of the index of a free flight.
-
-    ``commands`` are the indices (steps, drones), and ``numbers`` those of ``told_numbers``.
-    """
-    fly = world.actions.index(Action.FLY)
-    freely = [world.type_of(drone).free for drone in range(len(world.type_numbers))]
-    return [
-        [
-            own if is_free and index == fly else index
-            for is_free, index, own in zip(freely, indices, given, strict=True)
-        ]
-        for indices, given in zip(commands, numbers.tolist(), strict=True)
-    ]
-
-
-def _aim(course: Any, numbers: Sequence[float]) -> None:
-    course.aim_x, course.aim_y, course.aim_z, course.aim_cruise, course.aim_charge = numbers
-
-
 def flown_leg(row: Any) -> FlownLeg:
     """Return the leg of a row of the log."""
     ends_m = (row.x0_m, row.y0_m, row.z0_m), (row.x1_m, row.y1_m, row.z1_m)
@@ -173,4 +110,4 @@ def aims_of(state: Any, step: int, drones: Sequence[Any]) -> None:
     """Give drones the numbers of their commands of an earlier step again."""
     for k, drone in enumerate(drones):
         at = AIMS * (step * len(drones) + k)
-        _aim(drone.course, [float(one) for one in state[at : at + AIMS]])
+        take_aim(drone, [float(one) for one in state[at : at + AIMS]])

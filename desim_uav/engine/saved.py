@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
-from desim_uav.engine.free import told_numbers
 from desim_uav.errors import StateError
 from desim_uav.model.state import Snapshot
 from desim_uav.rowcode.rows import Queue, Table, held_by, is_row, origin_of
@@ -111,13 +110,8 @@ class SavedState(Unchanging):
 
     @property
     def numbers(self) -> NDArray[np.float64] | None:
-        """The numbers of all commands so far in free flight, else None (``told_numbers``).
-
-        They are 0 for a drone whose command is another action.
-        """
-        if not self.world.free:
-            return None
-        return told_numbers(self.world, self._aims(self.rows.state))
+        """The numbers of all commands so far in free flight, else None (``Commands.kept``)."""
+        return self.world.commands.kept(self._aims(self.rows.state))
 
     def _aims(self, state: Any) -> tuple[float, ...]:
         """Return the part of ``State.aims`` that the commands so far have written."""

@@ -10,7 +10,7 @@ from desim_uav.engine.base import Carried, CarriedDrone
 from desim_uav.env import carried_free
 from desim_uav.env.untrusted import HIGHEST, listed, number, whole
 from desim_uav.model.motion.planner import Node
-from desim_uav.model.rules import Mode, move_of
+from desim_uav.model.rules import GROUNDED, TIMED, Mode, move_of
 from desim_uav.world import World
 
 
@@ -60,7 +60,7 @@ def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDr
         raise ValueError("only a crashed drone has fallen")
     if own.free:
         one = carried_free.on_leg(one, free, hop, world, ceiling, own)
-    if one.rest_us > 0:
+    if one.rest_us > 0 and one.mode not in TIMED & GROUNDED:
         check_command = carried_free.check_command if own.free else _check_command
         check_command(one, world, own)
     if one.mode is not Mode.CRASHED:
@@ -73,8 +73,7 @@ def _check_way(one: CarriedDrone, world: World, ceiling: bool, own: DroneType) -
     at = one.node
     if not own.free:
         _check_hops(one, world, ceiling, own)
-    landed = one.mode in (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED)
-    if landed and (at[:2] not in world.stations or at[2] != 0):
+    if one.mode in GROUNDED and (at[:2] not in world.stations or at[2] != 0):
         raise ValueError(f"there is no station at {at}")
 
 

@@ -15,14 +15,12 @@ from desim_uav.engine.free import carried_leg
 from desim_uav.env.untrusted import HIGHEST, listed, number, require, whole
 from desim_uav.model.geometry.prisms import TOUCH_M, deepest_at, first_entry
 from desim_uav.model.radio.tracks import Point
-from desim_uav.model.rules import US, Action, Mode, kind_of
+from desim_uav.model.rules import GROUNDED, US, Action, Mode, kind_of
 from desim_uav.rules.decide import can_take
 from desim_uav.world import World
 
 NOWHERE = (0, 0, 0)
 """The station, the node and the level of a drone that does not return."""
-
-LANDED = (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED)
 
 
 def plain(one: CarriedDrone, leg: FreeCarried) -> list[Any]:
@@ -55,7 +53,7 @@ def on_leg(
         return one
     _check_place(start, world, ceiling, own)
     _check_place(stop, world, ceiling, own)
-    if one.mode in LANDED:
+    if one.mode in GROUNDED:
         centre = (*world.grid.centre(*one.node[:2]), world.grid.levels_m[0])
         require(start == stop == centre, f"a drone that has landed is not at {start} m")
     elif start != stop:

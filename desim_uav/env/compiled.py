@@ -10,12 +10,12 @@ import numpy as np
 from gymnasium import error
 from numpy.typing import NDArray
 
+from desim_uav.commands.given import out_of_range
 from desim_uav.engine.base import COUNTS, MEASURES, OWN_COUNTS, RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import Engine
-from desim_uav.env.free import aims_of, apart
-from desim_uav.env.session import Session, info_keys, out_of_range, real_numbers, whole_numbers
+from desim_uav.env.session import ActionError, Session, as_commands, info_keys
 from desim_uav.env.tasks import Tasks
 from desim_uav.model.state import Snapshot
 from desim_uav.rowcode.rows import Words
@@ -152,18 +152,12 @@ class CompiledSession(Session):
         self._look()
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
-        if self.world.mixed:
-            commands, aims = apart(action, self.world)
+        indices, aims = as_commands(self.world.commands.arrays, action)
+        if aims is not None:
             calls.aim_all(self._row.addresses, aims, ONE)
-        elif self.world.free:
-            aims = aims_of(real_numbers(action, self.shape), self.world)
-            calls.aim_all(self._row.addresses, aims, ONE)
-            commands = np.zeros((1, self.drones), np.int64)  # of which the first one is to fly
-        else:
-            commands = whole_numbers(action, self.shape).reshape(1, -1)
-        stopped = calls.step_all(self._row.addresses, commands, ONE)
+        stopped = calls.step_all(self._row.addresses, indices, ONE)
         if stopped < 0:
-            raise out_of_range(commands.tolist(), self.world)
+            raise ActionError(str(out_of_range(indices.tolist(), self.world.actions)))
         if stopped > 0:
             self.go_on()
         terminated, truncated, _ = self._row.over.tolist()

@@ -17,16 +17,17 @@ from gymnasium import error
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from desim_uav.commands import CellCommands, FreeCommands
+from desim_uav.commands.given import out_of_range
 from desim_uav.copies import Independent
 from desim_uav.engine.compiled import calls
 from desim_uav.engine.compiled.paths import blocks_of
 from desim_uav.env.alone import OneThread
 from desim_uav.env.compiled import CompiledSession, Outputs
-from desim_uav.env.free import aims_of
 from desim_uav.env.render import Screen
 from desim_uav.env.room import require_room
 from desim_uav.env.saving_vector import VectorSaving
-from desim_uav.env.session import out_of_range
+from desim_uav.env.session import ActionError, as_commands
 from desim_uav.env.tasks import Tasks
 from desim_uav.errors import SimulationError
 from desim_uav.sample_path import draw_all
@@ -202,29 +203,26 @@ class Many(VectorSaving, Independent):
             which = np.flatnonzero(waiting).tolist()
             raise error.ResetNeeded(f"call reset first: no episode has begun in {which}")
 
-    def advance(self, commands: NDArray[np.int64], over: Flags) -> None:
-        """Give the environments their commands, and run each to its next epoch.
-
-        Those whose episodes are ``over`` begin their next ones instead, whatever their commands.
-        Raises ActionError, before any environment is stepped, if a command is not an action.
-        """
-        world = self.sessions[0].world
-        if commands.min() < 0 or commands.max() >= len(world.actions):
-            raise out_of_range(commands.tolist(), world)
-        begins = self._begins(over) if over.any() else []
-        self._do([*begins, *self._in_shares(calls.step_all, commands, ~over)], self._all)
-
     @property
-    def free(self) -> bool:
-        """Whether drones fly freely."""
-        return self.sessions[0].world.free
+    def commands(self) -> CellCommands | FreeCommands:
+        """What the drones of an environment can be commanded."""
+        return self.sessions[0].world.commands.of_all("an environment whose actions are one array")
 
-    def steer(self, numbers: NDArray[np.float64], over: Flags) -> None:
-        """Give the environments commands of free flight, and run each on (see ``advance``)."""
-        world = self.sessions[0].world
-        self._do(self._in_shares(calls.aim_all, aims_of(numbers, world), ~over), self._all)
-        commands = np.zeros((self.num_envs, self.sessions[0].drones), np.int64)
-        self.advance(commands, over)  # of which the first one is to fly
+    def advance(self, actions: Any, over: Flags, by_drone: bool) -> None:
+        """Give the environments their actions, and run each to its next epoch.
+
+        Those whose episodes are ``over`` begin their next ones instead, whatever their actions.
+        Raises ActionError, before any environment is stepped, if there is an invalid action.
+        ``by_drone``: whether the actions have an axis for drones.
+        """
+        known = self.commands
+        indices, aims = as_commands(known.arrays_of, self.num_envs, actions, by_drone)
+        if aims is not None:
+            self._do(self._in_shares(calls.aim_all, aims, ~over), self._all)
+        elif indices.min() < 0 or indices.max() >= len(known.actions):
+            raise ActionError(str(out_of_range(indices.tolist(), known.actions)))
+        begins = self._begins(over) if over.any() else []
+        self._do([*begins, *self._in_shares(calls.step_all, indices, ~over)], self._all)
 
     def _in_shares(
         self, kernel: Callable[..., int], argument: NDArray[Any], which: Flags

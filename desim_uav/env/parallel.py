@@ -15,12 +15,11 @@ from desim_uav.env.alone import alone
 from desim_uav.env.arguments import typed
 from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed
-from desim_uav.env.free import each_own, of_all
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
-from desim_uav.env.session import ActionError
+from desim_uav.env.session import ActionError, as_commands
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
-from desim_uav.spaces import command_space, features_of, observation_space, state_space
+from desim_uav.spaces import features_of, observation_space, state_space
 
 Parts = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
@@ -80,28 +79,14 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         world, self.observation_spaces, self.action_spaces = self.session.world, {}, {}
         self._parts: list[tuple[int, str, Any]] = []
         for drone, agent in enumerate(self.possible_agents):
-            own = world.type_of(drone)
-            numbers, actions = features_of(world, drone), len(own.actions)
-            mask_key = "allowed" if own.free else "action_mask"
+            numbers, commands = features_of(world, drone), world.commands.of(drone)
+            mask = Box(0, 1, (len(world.type_of(drone).actions),), np.int8)
             self.observation_spaces[agent] = Dict(
-                {
-                    "observation": observation_space(numbers),
-                    mask_key: Box(0, 1, (actions,), np.int8),
-                }
+                {"observation": observation_space(numbers), commands.mask_key: mask}
             )
-            self.action_spaces[agent] = (
-                command_space(own.command_numbers) if own.free else Discrete(actions)
-            )
-            self._parts.append((len(numbers), mask_key, self._own_actions(drone)))
+            self.action_spaces[agent] = commands.space(drone)
+            self._parts.append((len(numbers), commands.mask_key, commands.entries(drone)))
         self.state_space = state_space(len(self.session.state_names))
-
-    def _own_actions(self, drone: int) -> Any:
-        """Return which entries of the mask of all actions are those of a drone."""
-        world = self.session.world
-        own = world.type_of(drone)
-        if own.free and world.mixed:
-            return [world.actions.index(action) for action in own.actions]
-        return slice(len(own.actions))  # which are the first ones
 
     def observation_space(self, agent: str) -> Dict:
         """Return the observation space of an agent, always the same object."""
@@ -109,7 +94,8 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
 
     def action_space(self, agent: str) -> Discrete[Any] | Box:
         """Return the action space of an agent, always the same object."""
-        return self.action_spaces[agent]
+        space: Discrete[Any] | Box = self.action_spaces[agent]
+        return space
 
     @typed
     @alone
@@ -150,7 +136,8 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
                 f"there must be one action for each of {self.agents}, not for {list(actions)}"
             )
         ordered = [actions[agent] for agent in self.agents]
-        _, terminated, truncated = self.session.step(self._joined(ordered))
+        joined = as_commands(self.session.world.commands.joined, ordered) if ordered else ordered
+        _, terminated, truncated = self.session.step(joined)
         if terminated or truncated:
             self.agents = []
         self.screen.refresh()
@@ -159,25 +146,6 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         for agent, reward in zip(infos, self.session.rewards(), strict=True):
             rewards[agent], ends[agent], cuts[agent] = reward, terminated, truncated
         return observations, rewards, ends, cuts, infos
-
-    def _joined(self, ordered: Sequence[Any]) -> Any:
-        """Return the actions of all agents as one of the session's."""
-        world = self.session.world
-        if world.free:
-            joined = each_own if world.mixed else of_all
-            return joined(ordered, world) if ordered else ordered
-        self._refuse_those_of_others(ordered)
-        return ordered if len(ordered) != 1 else ordered[0]
-
-    def _refuse_those_of_others(self, ordered: Sequence[Any]) -> None:
-        """Raise ActionError for actions that only drones of another type can take."""
-        if self.session.world.scenario.differing:
-            for agent, action in zip(self.agents, ordered, strict=True):
-                space: Any = self.action_spaces[agent]
-                if action not in space:
-                    raise ActionError(
-                        f"{agent}: actions must be from 0 to {space.n - 1}, not {action}"
-                    )
 
     @alone
     def state(self) -> NDArray[np.float32]:

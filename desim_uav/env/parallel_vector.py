@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from gymnasium import logger
-from gymnasium.spaces import Discrete, MultiDiscrete
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -18,9 +17,8 @@ from desim_uav.env.arguments import typed
 from desim_uav.env.compiled import COUNTED, MEASURED, NUMBERS, OWN_COUNTED, as_counts, states_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Flags, Many, Seed
-from desim_uav.env.session import real_numbers, whole_numbers
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
-from desim_uav.spaces import command_space, features, observation_space, state_space
+from desim_uav.spaces import features, observation_space, state_space
 
 Told = tuple[
     NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
@@ -71,20 +69,13 @@ class UavParallelVectorEnv(Many):
         first, num_envs = self.sessions[0], self.num_envs
         self.drones = first.drones
         self.possible_agents = [f"drone_{d}" for d in range(self.drones)]
-        actions = len(first.world.actions)
         self.single_observation_space = observation_space(features(first.world))
-        self.single_action_space = (
-            command_space(first.world.command_numbers) if self.free else Discrete(actions)
-        )
+        self.single_action_space = self.commands.space_of(1)
         of_one = batch_space(self.single_observation_space, self.drones)
         self.observation_space = batch_space(of_one, num_envs)
         self.single_state_space = state_space(len(first.state_names))
         self.state_space = batch_space(self.single_state_space, num_envs)
-        self.action_space = (
-            batch_space(batch_space(self.single_action_space, self.drones), num_envs)
-            if self.free
-            else MultiDiscrete(np.full((num_envs, self.drones), actions))
-        )
+        self.action_space = self.commands.space_of_each(num_envs)
 
     def _set_up(self) -> None:
         super()._set_up()
@@ -138,12 +129,7 @@ class UavParallelVectorEnv(Many):
         """
         over = self.over()
         self.require_episodes(over)
-        if self.free:
-            numbers = self.sessions[0].world.command_numbers
-            shape = (self.num_envs, self.drones, numbers)
-            self.steer(real_numbers(actions, shape), over)
-        else:
-            self.advance(whole_numbers(actions, (self.num_envs, self.drones)), over)
+        self.advance(actions, over, by_drone=True)
         final: dict[str, Any] = {}
         self._paid[:] = self.outputs.paid
         self._ends[:] = self.outputs.over[:, :2].T[:, :, np.newaxis]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import operator
 import secrets
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from itertools import chain
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium import error
 from numpy.typing import NDArray
 
+from desim_uav.commands.given import CommandError
 from desim_uav.copies import Independent
 from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP, RunSettings
 from desim_uav.engine.constants import term_names
@@ -32,6 +33,8 @@ from desim_uav.world import World
 SEEDS = ("seed", "world_seed", "episode_number")
 MOST_SEEDS = 2**63
 
+Read = TypeVar("Read")
+
 
 class ActionError(error.InvalidAction, ValueError):
     """An action is outside the action space. A masked action is inside it, so it is no error."""
@@ -43,8 +46,8 @@ class Session(Independent):
     ``seed`` is the seed of the run. It also draws the world, unless the scenario has a
     ``world_seed``; ``tasks`` may give each episode another world, in which the drones begin afresh,
     or change the scenario. ``episode`` counts from 0; it is -1 before the first ``reset``, and
-    ``steps`` counts the steps of earlier episodes. ``shape`` is that of an action, and ``terms``
-    are the keys of the reward's terms in an info, by name.
+    ``steps`` counts the steps of earlier episodes. ``terms`` are the keys of the reward's terms in
+    an info, by name.
     """
 
     world: World
@@ -62,7 +65,6 @@ class Session(Independent):
         self.tasks, self.guard = tasks, OneThread()
         self.scenario = scenario = tasks.stages[0][1]
         self.drones = scenario.drone_count
-        self.shape: tuple[int, ...] = () if self.drones == 1 else (self.drones,)
         given = "seed" in scenario.model_fields_set
         self.seed = scenario.seed if given else secrets.randbits(32)
         self.episode, self.steps = -1, 0
@@ -75,8 +77,6 @@ class Session(Independent):
             self.start(self.seed)
         else:
             self.world = world
-        if self.world.free:
-            self.shape = (self.drones * self.world.command_numbers,)
 
     def start(self, seed: int | None) -> bool:
         """Prepare the next episode: its scenario, its world, and an engine for them.
@@ -184,8 +184,7 @@ class Session(Independent):
 
         ``action``: one whole number per drone; for a single drone it is that number. In free
         flight, it is the numbers of the drones' commands, one after the other. If some drones fly
-        freely and others from cell to cell, it is a list with the checked command of each, as an
-        engine takes it (``env.free.each_own``). Returns the
+        freely and others from cell to cell, it is what ``Commands.joined`` returns. Returns the
         mean reward, and whether a crash or the end of its time ended the episode. Raises
         ResetNeeded outside an episode, and ActionError for an invalid action.
         """
@@ -197,22 +196,7 @@ class Session(Independent):
         return reward, terminated, truncated
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
-        if self.world.mixed:
-            return self._give(action)
-        if self.world.free:
-            return self._steer(action)
-        commands = whole_numbers(action, self.shape).reshape(-1).tolist()
-        if min(commands) < 0 or max(commands) >= len(self.world.actions):
-            raise out_of_range(commands, self.world)
-        return self._give(commands)
-
-    def _steer(self, action: Any) -> tuple[float, bool, bool]:
-        """Give each drone its command of free flight, and run to the next decision epoch."""
-        numbers = real_numbers(action, self.shape).reshape(self.drones, -1).tolist()
-        return self._give(numbers)
-
-    def _give(self, commands: Any) -> tuple[float, bool, bool]:
-        """Give the engine a command for each drone, and run to the next decision epoch."""
+        commands: Any = as_commands(self.world.commands.split, action)
         snapshot = self._snapshot = self.engine.step(commands)
         return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
 
@@ -358,34 +342,9 @@ def _checked(seed: int) -> int:
     return number
 
 
-def whole_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return actions as int64; they must have one of these shapes. Raises ActionError."""
+def as_commands(read: Callable[..., Read], *given: Any) -> Read:
+    """Return what a function makes of given actions. Raises ActionError if they are not such."""
     try:
-        numbers = np.asarray(actions)
-    except ValueError as problem:
-        raise ActionError(f"actions must be whole numbers: {problem}") from problem
-    if numbers.dtype != np.int64:
-        if numbers.dtype.kind not in "iu":
-            raise ActionError(f"actions must be whole numbers, not {actions!r}")
-        numbers = numbers.astype(np.int64)
-    if numbers.shape not in shapes:
-        raise ActionError(f"actions must have the shape {shapes[0]}, not {numbers.shape}")
-    return numbers
-
-
-def real_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return actions as float64; they must have one of these shapes. Raises ActionError."""
-    try:
-        numbers = np.asarray(actions, np.float64)
-    except (TypeError, ValueError) as problem:
-        raise ActionError(f"actions must be numbers: {problem}") from problem
-    if numbers.shape not in shapes:
-        raise ActionError(f"actions must have the shape {shapes[0]}, not {numbers.shape}")
-    if not np.isfinite(numbers).all():
-        raise ActionError(f"actions must be finite numbers, not {numbers.tolist()}")
-    return numbers
-
-
-def out_of_range(commands: Any, world: World) -> ActionError:
-    """Return the error of commands of which at least one is not an action."""
-    return ActionError(f"actions must be from 0 to {len(world.actions) - 1}, not {commands}")
+        return read(*given)
+    except CommandError as problem:
+        raise ActionError(str(problem)) from problem

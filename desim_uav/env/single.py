@@ -17,7 +17,7 @@ from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
-from desim_uav.spaces import action_space_of, features, observation_space
+from desim_uav.spaces import features, observation_space
 
 
 class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
@@ -77,7 +77,8 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         self.drones = self.session.drones
         world = self.session.world
         self.observation_space = observation_space(features(world) * self.drones)
-        self.action_space = action_space_of(world)
+        commands = world.commands.of_all("an environment whose actions are one array")
+        self.action_space = commands.space_of(self.drones)
 
     @typed
     @alone

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 import desim_uav
 from desim_uav import array_file
 from desim_uav.engine.episode import Engine
-from desim_uav.engine.free import as_told
 from desim_uav.engine.saved import SavedState
 from desim_uav.env.carried_drones import checked, plain
 from desim_uav.errors import PolicyError, SimulationError, StateError
@@ -33,7 +32,7 @@ LARGEST_SEED, LARGEST_EPISODE = 2**63, 2**31
 class Kept(NamedTuple):
     """The content of a file of a saved state.
 
-    ``numbers`` (steps, drones, numbers) are those of commands of free flight (``engine.free``);
+    ``numbers`` (steps, drones, numbers) are those of commands of free flight (``Commands.kept``);
     None if the file has none.
     """
 
@@ -73,13 +72,7 @@ class Kept(NamedTuple):
         told, drones = self.commands.shape
         if drones != world.scenario.drone_count or told > world.most_epochs:
             raise ValueError(f"commands of the shape {self.commands.shape} do not fit")
-        if self.numbers is None:
-            if world.free:
-                raise ValueError("the numbers of commands of free flight are missing")
-            return list(self.commands.tolist())
-        if self.numbers.shape[2] != world.command_numbers:
-            raise ValueError(f"numbers of the shape {self.numbers.shape} do not fit")
-        return as_told(world, self.commands.tolist(), self.numbers)
+        return world.commands.played(self.commands.tolist(), self.numbers)
 
 
 def write(path: Path, saved: SavedState, seed: int, steps: int) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
@@ -110,15 +111,14 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
     @property
     def _mask_name(self) -> str:
         """The key of the masks."""
-        return "allowed" if self.vector.free else "action_mask"
+        return self.vector.commands.mask_key
 
     def _action_spec(self) -> Any:
         """Return the spec of the actions of all drones."""
-        vector, world = self.vector, self.vector.sessions[0].world
-        shape = (vector.num_envs, vector.drones)
-        if vector.free:
-            return Bounded(-1.0, 1.0, (*shape, world.command_numbers), dtype=torch.float32)
-        return Categorical(len(world.actions), shape)
+        space = self.vector.action_space
+        if isinstance(space, Box):
+            return Bounded(-1.0, 1.0, space.shape, dtype=torch.float32)
+        return Categorical(len(self.vector.commands.actions), space.shape)
 
     def _spec(self, of_drones: dict[str, Any], **others: Any) -> Composite:
         group = Composite(of_drones, shape=(self.vector.num_envs, self.vector.drones))
@@ -149,7 +149,7 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
     def rand_action(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
         """Choose actions at random, among those that are allowed now, or numbers from -1 to 1."""
         masks = torch.from_numpy(self.vector.action_masks())
-        if self.vector.free:
+        if isinstance(self.vector.action_space, Box):
             drawn = self.full_action_spec[GROUP, "action"].rand()
         else:
             drawn = torch.multinomial(masks.flatten(0, 1).float(), 1).view(masks.shape[:2])

@@ -18,9 +18,8 @@ from desim_uav.env.compiled import COUNTED, MEASURED, as_counts
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Many
 from desim_uav.env.render import RENDERING
-from desim_uav.env.session import real_numbers, whole_numbers
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
-from desim_uav.spaces import action_space_of, features, observation_space
+from desim_uav.spaces import features, observation_space
 
 
 class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
@@ -80,7 +79,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _set_spaces(self) -> None:
         first = self.sessions[0]
         self.single_observation_space = observation_space(features(first.world) * first.drones)
-        self.single_action_space = action_space_of(first.world)
+        self.single_action_space = self.commands.space_of(first.drones)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
@@ -120,13 +119,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """
         over = self.over()
         self.require_episodes(over)
-        count, drones = self.num_envs, self.sessions[0].drones
-        shapes = [(count,), (count, 1)] if drones == 1 else [(count, drones)]
-        if self.free:
-            numbers = drones * self.sessions[0].world.command_numbers
-            self.steer(real_numbers(actions, (count, numbers)), over)
-        else:
-            self.advance(whole_numbers(actions, *shapes).reshape(count, drones), over)
+        self.advance(actions, over, by_drone=False)
         rewards = self.outputs.rewards[:, 0].copy()
         terminated, truncated = self.outputs.over[:, :2].T.copy()
         final: dict[str, Any] = {}

@@ -101,13 +101,14 @@ STEP_VALUES: dict[str, Callable[[Any], Any]] = {
 
 def steps_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     """Return one row per step and drone."""
-    more = [*(STORED if world.in_joules else ()), *(AIMED if world.free else ())]
-    more += CRUISED if world.chooses_cruise else ()
+    names = world.commands.names
+    more = [*(STORED if world.in_joules else ()), *(AIMED if names else ())]
+    more += [name for name in CRUISED if name in names]
     columns = STEPS.among(more)
-    types = [world.type_of(drone) for drone in range(world.scenario.drone_count)]
-    own = STEP_VALUES | _charge_values(types)
-    if world.mixed:
-        own |= {name: _of_free(name, types) for name in (*AIMED, *CRUISED)}
+    drones = range(world.scenario.drone_count)
+    own = STEP_VALUES | _charge_values([world.type_of(drone) for drone in drones])
+    flies = [world.commands.of(drone).numbers(drone) > 0 for drone in drones]
+    own |= {name: _of_free(name, flies) for name in (*AIMED, *CRUISED)}
     values = [own.get(name, attrgetter(name)) for name in columns if name != "episode"]
     rows = ((log.episode, *(of(step) for of in values)) for log in logs for step in log.steps)
     frame = to_frame(columns, rows)
@@ -137,9 +138,9 @@ def _charge_values(types: Sequence[DroneType]) -> dict[str, Callable[[Any], Any]
     }
 
 
-def _of_free(name: str, types: Sequence[DroneType]) -> Callable[[Any], Any]:
+def _of_free(name: str, flies: Sequence[bool]) -> Callable[[Any], Any]:
     """Return what a record has under a name if its drone flies freely, else None."""
-    return lambda step: getattr(step, name) if types[step.drone].free else None
+    return lambda step: getattr(step, name) if flies[step.drone] else None
 
 
 def _over(charge: float | None, unit: int) -> float | None:

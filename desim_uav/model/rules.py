@@ -111,10 +111,23 @@ class Outcome(StrEnum):
     NEVER_SERVED = "never_served"
 
 
+# Each mode is in AIRBORNE or in GROUNDED, unless the drone has crashed, and may be in the others.
+
 AIRBORNE = frozenset({Mode.FLYING, Mode.RETURNING})
+"""The modes in which a drone is in the air, where its battery is drained."""
+
+GROUNDED = frozenset({Mode.QUEUED, Mode.CHARGING, Mode.CHARGED})
+"""The modes in which a drone has landed on a charging station."""
+
+IN_QUEUE = frozenset({Mode.QUEUED, Mode.CHARGING})
+"""The modes in which a drone is in the queue of its station, for a pad or on one."""
 
 DECIDES = frozenset({Mode.FLYING, Mode.CHARGED})
 """The modes in which a drone has a choice. In any other mode its mask allows one action only."""
+
+TIMED = frozenset({Mode.FLYING})
+"""The modes that may have begun with the time at which they end (``Drone.until_us``), which holds
+beyond the end of an episode. Until then a drone in such a mode is not asked."""
 
 
 @cache

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from desim_uav.commands.given import Command
 from desim_uav.model.geometry.grid import Cell
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import Action, fastest_of
 from desim_uav.model.state import Observation
-from desim_uav.policies.moves import Command, moves_of
+from desim_uav.policies.moves import moves_of
 from desim_uav.registry import register
 from desim_uav.world import World
 

@@ -151,17 +151,12 @@ def description_of(world: World, own: bool = False) -> dict[str, Any]:
     shown = to_plain(scenario)["observation"]
     return {
         "features": [feature.name for feature in max(world.features_of_types, key=len)],
-        "actions": list(outputs_of(world)),
+        "actions": list(world.commands.of_all("a network").outputs),
         "observation": shown if shown["kind"] in names("observation") else None,
         "scenario": scenario.name,
         "world_seed": world.seed if own else None,
         "world_hash": world_hash(world) if own else None,
     }
-
-
-def outputs_of(world: World) -> tuple[str, ...]:
-    """Return the names of what a network says: its actions, or in free flight its numbers."""
-    return world.command_names or tuple(action.name.lower() for action in world.actions)
 
 
 def scaling_of(world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -259,7 +254,7 @@ class NetworkPolicy:
 
     def _fit(self, world: World) -> None:
         """Check that the network fits the world, and read it."""
-        world.scenario.require_one_space("a network")
+        self._commands = world.commands.of_all("a network")
         self._world = world
         self._encode = world.scenario.observation.encode
         here = description_of(world)
@@ -298,6 +293,4 @@ class NetworkPolicy:
         seen = self._encode(observation, self._world.facts_of(observation.drone))
         more = len(self.about["features"]) - len(seen)  # where other types observe more
         scores = self._network.scores((*seen, *(0.0,) * more))
-        if self._world.free:
-            return scores.clip(-1.0, 1.0).tolist()
-        return int(np.where(mask, scores, -np.inf).argmax())
+        return self._commands.best(scores[np.newaxis], [mask])[0]

@@ -12,8 +12,6 @@ import importlib
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from desim_uav.errors import PolicyError
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import DECIDES
@@ -43,11 +41,11 @@ class TorchModule:
         """Ask the module once. Raises PolicyError if it does not fit the scenario."""
         if world is self._world:
             return
-        world.scenario.require_one_space("a network")
+        self._commands = world.commands.of_all("a network")
         self._torch = importlib.import_module("torch")
         self._encode = world.scenario.observation.encode
         self._inputs = max(map(len, world.features_of_types))
-        self._outputs = len(world.command_names or world.actions)
+        self._outputs = len(self._commands.outputs)
         self._world = world
         self._scores([[0.0] * self._inputs])
 
@@ -63,11 +61,7 @@ class TorchModule:
         world = self._world
         seen = [self._encode(one, world.facts_of(one.drone)) for one in observations]
         padded = [[*each, *[0.0] * (self._inputs - len(each))] for each in seen]
-        scores = self._scores(padded)
-        if world.free:
-            commands: list[Any] = scores.clip(-1.0, 1.0).tolist()
-        else:
-            commands = np.where(masks, scores, -np.inf).argmax(axis=1).tolist()
+        commands = self._commands.best(self._scores(padded), masks)
         for k, (one, mask) in enumerate(zip(observations, masks, strict=True)):
             if one.mode not in DECIDES:
                 commands[k] = list(mask).index(True)
@@ -98,9 +92,8 @@ class TorchModule:
         elif not problem and not torch.isfinite(scores).all():
             problem = "it returns numbers that are not finite"
         if problem:
-            what = "number of a command" if self._world and self._world.free else "action"
             raise PolicyError(
                 f"policy {self.name!r}: {problem}; needed is a tensor {expected}: one number for "
-                f"each {what} of each drone"
+                f"each {self._commands.output} of each drone"
             )
         return scores.double().cpu().numpy()

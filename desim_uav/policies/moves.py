@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
+from desim_uav.commands.given import Command
 from desim_uav.model.geometry.grid import Cell
 from desim_uav.model.geometry.prisms import first_entry
 from desim_uav.model.motion.legs import reach_along
@@ -12,9 +13,6 @@ from desim_uav.model.motion.space import ANY_SPEED
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import MOVES, US, Action, fastest_of
 from desim_uav.world import World
-
-Command = int | list[float]
-"""An index into ``World.actions``, or the numbers of a displacement in free flight."""
 
 
 class Moves(Protocol):

@@ -24,8 +24,7 @@ class Random:
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Take a new random stream for each drone."""
-        types = [world.type_of(drone) for drone in range(world.scenario.drone_count)]
-        self._numbers = [own.command_numbers if own.free else 0 for own in types]
+        self._commands = world.commands
         self._streams = [streams.generator(d) for d in range(world.scenario.drone_count)]
 
     def memory(self) -> list[list[int]]:
@@ -41,8 +40,5 @@ class Random:
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
         """Draw one of the allowed actions."""
-        stream, numbers = self._streams[observation.drone], self._numbers[observation.drone]
-        if numbers > 0:
-            return stream.uniform(-1.0, 1.0, numbers).tolist()
-        allowed = [action for action, legal in enumerate(mask) if legal]
-        return allowed[int(stream.random() * len(allowed))]
+        drone = observation.drone
+        return self._commands.of(drone).drawn(drone, self._streams[drone], mask)

@@ -109,21 +109,21 @@ class StableBaselines:
         except Exception as error:  # torch and the libraries refuse weights in many ways
             raise PolicyError(f"{self.file}: its weights do not fit: {reason(error)}") from error
         self._dtype = observations.dtype
-        continuous = CONTINUOUS[self._saved.policy] if world.free else None
-        self._means = continuous
+        self._scores = (CONTINUOUS if world.free else NETWORKS)[self._saved.policy]
+        self._commands = world.commands.of_all("a network")
         self.act_jointly = self._decide if jointly else None
         self._world = world
 
     def _fitting(self, world: World) -> tuple[Any, Any, bool]:
         """Return the spaces of the training, and whether they are those of all drones."""
-        from desim_uav.spaces import action_space_of, observation_space, widest
+        from desim_uav.spaces import observation_space, widest
 
-        drones = world.scenario.drone_count
+        drones, commands = world.scenario.drone_count, world.commands.of_all("a network")
         encoding, trained = world.scenario.observation, self._saved.spaces
         here: dict[Spaces, None] = {}
         for count, facts in itertools.product((drones, 1), (widest(world), world.facts)):
             seen = observation_space(encoding.features(facts) * count)
-            told = action_space_of(world, count)
+            told = commands.space_of(count)
             spaces = Spaces(_described(seen), _described(told))
             if spaces == trained:
                 return seen, told, count == drones
@@ -148,14 +148,8 @@ class StableBaselines:
         encode, facts = self._world.scenario.observation.encode, self._world.facts
         code = [number for seen in observations for number in encode(seen, facts)]
         batch, _ = self._network.obs_to_tensor(np.array(code, self._dtype))
-        if self._means is not None:
-            numbers = self._means(self._network, batch).numpy().reshape(len(observations), -1)
-            commands: list[Any] = numbers.astype(float).clip(-1.0, 1.0).tolist()
-            return commands
-        scores = NETWORKS[self._saved.policy](self._network, batch).numpy()
-        allowed = np.array(masks)
-        best = np.where(allowed, scores.reshape(allowed.shape), -np.inf).argmax(axis=1)
-        return [int(command) for command in best]
+        scores = self._scores(self._network, batch).numpy().reshape(len(observations), -1)
+        return self._commands.best(scores.astype(float), masks)
 
 
 # ---- what the networks say of actions: (1, drones * actions), the higher the better

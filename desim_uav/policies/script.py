@@ -6,20 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from desim_uav.drone_type import DroneType
+from desim_uav.commands.free import NUMBERS
+from desim_uav.commands.given import CommandError
 from desim_uav.errors import PolicyError, did_you_mean, notice
 from desim_uav.model.random.streams import Streams
-from desim_uav.model.rules import Action, fastest_of, kind_of
+from desim_uav.model.rules import Action
 from desim_uav.model.state import Observation
 from desim_uav.model.traces import index, read_table
 from desim_uav.registry import register
-from desim_uav.rules.decide import can_take
 from desim_uav.world import World
-
-FLOWN = ("aim_x", "aim_y", "aim_z")
-CRUISE, CHARGE = "aim_cruise", "aim_charge"
-NUMBERS = (*FLOWN, CRUISE, CHARGE)
-"""The columns of the numbers of a command of free flight, named as in the table of steps."""
 
 Given = dict[str, float | None]
 """The numbers of a row, by their columns; None where the row has none."""
@@ -61,19 +56,24 @@ class Script:
         The first time, print a notice if there are actions after the last step of an episode.
         """
         self._notice_late_actions(world)
-        names = {a.name.lower(): k for a, k in fastest_of(world.actions).items()}
-        names |= {action.name.lower(): k for k, action in enumerate(world.actions)}
-        self._hover = names["hover"]
+        commands = world.commands
+        self._hover = commands.actions.index(Action.HOVER)
         self._told: dict[tuple[int, int], Any] = {}
         drones = world.scenario.drone_count
         for at, action in self.commands.items():
             where, drone = f"{self.file}:{self._lines[at]}", at[1]
             if drone >= drones:
                 raise PolicyError(f"{where}: drone: {drone}: must be from 0 to {drones - 1}")
-            own = world.type_of(drone)
-            _check_name(world, own, action, drone, where)
-            numbers = action == Action.FLY.name.lower()
-            self._told[at] = _flight(own, self._given[at], where) if numbers else names[action]
+            own = commands.of(drone)
+            if action not in own.named:
+                raise PolicyError(
+                    f"{where}: action: {action!r} is not an action of {commands.whose(drone)}; "
+                    f"allowed: {', '.join(own.named)}"
+                )
+            try:
+                self._told[at] = own.scripted(drone, own.named[action], self._given[at])
+            except CommandError as problem:
+                raise PolicyError(f"{where}: {problem}") from problem
 
     def _notice_late_actions(self, world: World) -> None:
         steps = world.scenario.episode.steps
@@ -88,30 +88,6 @@ class Script:
     def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
         """Return the command in the file, or "hover" if it has none for this step and drone."""
         return self._told.get((observation.step, observation.drone), self._hover)
-
-
-def _check_name(world: World, own: DroneType, action: str, drone: int, where: str) -> None:
-    """Raise PolicyError unless an action is one that a drone of a type can be commanded."""
-    chosen = [each for each in world.actions if can_take(int(each), own.free)]
-    allowed = [each.name.lower() for each in chosen]
-    if action in allowed or action in [kind_of(each).name.lower() for each in chosen]:
-        return
-    whose = f"is not an action of drone {drone}"
-    problem = whose if world.mixed else "does not exist in this scenario"
-    raise PolicyError(f"{where}: action: {action!r} {problem}; allowed: {', '.join(allowed)}")
-
-
-def _flight(own: DroneType, given: Given, where: str) -> list[float]:
-    """Return the numbers of a command of free flight. Raises PolicyError if some are missing."""
-    needed = list(FLOWN[: own.scenario.map.dimensions])
-    needed += [CRUISE] * own.chooses_cruise
-    known = [*needed, *([CHARGE] if own.limited else [])]
-    for name, value in given.items():
-        if name in needed and value is None:
-            raise PolicyError(f"{where}: {name}: missing; to fly takes {', '.join(needed)}")
-        if name not in known and value:
-            raise PolicyError(f"{where}: {name}: {value:g}: to fly takes {', '.join(known)} only")
-    return [0.0 if (value := given[name]) is None else value for name in known]
 
 
 def _action(text: str) -> str:

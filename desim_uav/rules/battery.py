@@ -10,7 +10,7 @@ from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.due import depletion_slot, due, key, undo
 from desim_uav.rules.rows import Constants, Drone, State, TypeRow
 from desim_uav.rules.transits import flight_of
-from desim_uav.rules.words import CHARGING, DEPLETION, FLYING, NEVER, RETURNING
+from desim_uav.rules.words import AIRBORNE, CHARGING, DEPLETION, NEVER
 
 # ---- what a drone's type says
 
@@ -81,7 +81,7 @@ def battery_now(world: Constants, state: State, drone: Drone) -> int:
     if not is_limited(world, drone):
         return 0
     elapsed_us = state.now_us - drone.since_us
-    if drone.mode in (FLYING, RETURNING):
+    if drone.mode in AIRBORNE:
         # A model that drains faster than time passes may drain more than is left in a microsecond.
         return max(0, drone.battery_us - drained_us(world, drone, elapsed_us))
     if drone.mode == CHARGING:

@@ -163,12 +163,10 @@ def is_under_way(world: Constants, drone: Drone) -> bool:
 @rule
 def is_allowed(action: int, mode: int, may_return: bool, may_charge: bool) -> bool:
     """Return whether a drone in this mode may take an action."""
-    if mode == words.RETURNING:
-        return action == words.GOTO
-    if mode in (words.QUEUED, words.CHARGING):
-        return action == words.CHARGE
-    if mode in (words.CRASHED, words.GOING_ON):
-        return action == words.HOVER
+    if mode not in words.DECIDES:
+        if mode in words.AIRBORNE:
+            return action == words.GOTO
+        return action == (words.CHARGE if mode in words.GROUNDED else words.HOVER)
     if action == words.GOTO:
         return may_return
     if action == words.CHARGE:

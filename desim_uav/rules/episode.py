@@ -15,7 +15,7 @@ from desim_uav.rules.credit import credit_step, forget_credit
 from desim_uav.rules.decide import allow, go_home, is_under_way, obey, observe, record, taken
 from desim_uav.rules.due import key, nothing_due, run_until
 from desim_uav.rules.epochs import await_epoch
-from desim_uav.rules.flight import appear, await_hop, count_distance, fly_on, orient
+from desim_uav.rules.flight import appear, await_hop, count_distance, go_on_until, orient
 from desim_uav.rules.free_flight import wish
 from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
@@ -79,7 +79,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     """Reset what belongs to an episode in a drone's row, but keep its leg, mode and battery."""
     drone.since_us -= state.now_us
     drone.until_us -= state.now_us
-    if drone.mode != words.FLYING or drone.until_us <= 0:
+    if drone.mode not in words.TIMED or drone.until_us <= 0:
         drone.until_us = drone.taken = 0
     if drone.point >= 0:
         drone.since_us = drone.until_us = 0
@@ -167,9 +167,9 @@ def _go_on(world: Constants, path: Path, state: State, drone: Drone) -> None:
         drone.landed_in = words.ARRIVAL
     elif drone.mode == words.CHARGING:
         await_full(world, state, drone)
-    elif drone.mode == words.FLYING and drone.until_us > state.now_us:
-        fly_on(world, state, drone)
-    elif drone.mode != words.CRASHED:
+    elif drone.mode in words.TIMED and drone.until_us > state.now_us:
+        go_on_until(world, state, drone)
+    elif drone.mode in words.DECIDES:
         drone.waits = 1
 
 

@@ -285,9 +285,10 @@ def _end_leg(world: Constants, state: State, drone: Drone) -> None:
 
 
 @rare_rule
-def fly_on(world: Constants, state: State, drone: Drone) -> None:
-    """Schedule the end of a leg that began in the previous episode, or the battery's depletion."""
-    foresee_depletion(world, state, drone, drone.until_us - drone.since_us)
+def go_on_until(world: Constants, state: State, drone: Drone) -> None:
+    """Schedule the end of what began in the previous episode, or the battery's depletion."""
+    if drone.mode in words.AIRBORNE:
+        foresee_depletion(world, state, drone, drone.until_us - drone.since_us)
     if drone.transit == words.REST:
         await_end(world, state, drone, drone.until_us - drone.since_us)
     else:

@@ -15,7 +15,7 @@ from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.flight import way_back
 from desim_uav.rules.rows import Constants, Drone, Observation, State
-from desim_uav.rules.words import FLYING, RETURNING, TOO_LARGE
+from desim_uav.rules.words import AIRBORNE, TOO_LARGE
 
 LARGEST_REWARD = 1e100
 """The largest allowed magnitude of a drone's reward, at which sums over a run stay finite."""
@@ -124,7 +124,7 @@ class MultiService(RowReward):
 @rule
 def is_in_the_air(observation: Observation) -> bool:
     """Return whether a drone flies or returns; one that has landed or crashed is paid nothing."""
-    return observation.mode in (FLYING, RETURNING)
+    return observation.mode in AIRBORNE
 
 
 @rule

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from desim_uav.model import rules
 from desim_uav.model.rules import Action, Mode, Phase
 
 HOVER, GOTO, CHARGE = int(Action.HOVER), int(Action.GOTO_CHARGING_STATION), int(Action.CHARGE)
 
 FLYING, RETURNING, QUEUED, CHARGING, CHARGED, CRASHED = map(int, Mode)
+AIRBORNE, GROUNDED, IN_QUEUE, DECIDES, TIMED = (
+    tuple(map(int, sorted(modes)))
+    for modes in (rules.AIRBORNE, rules.GROUNDED, rules.IN_QUEUE, rules.DECIDES, rules.TIMED)
+)
 GOING_ON = len(Mode)
 """Stands for the mode of a drone that is asked later (see ``rules.decide.is_under_way``)."""
 

@@ -412,8 +412,8 @@ def some_command(world: World, mask: tuple[bool, ...], rng: np.random.Generator)
     """Mostly something allowed, eager to move and to charge; sometimes anything at all."""
     flies = world.free and (not world.mixed or mask[world.actions.index(Action.FLY)])
     if flies and rng.random() < 0.8:
-        numbers = rng.uniform(-1.2, 1.2, world.command_numbers)
-        if "aim_charge" in world.command_names:
+        numbers = rng.uniform(-1.2, 1.2, len(world.commands.names))
+        if "aim_charge" in world.commands.names:
             numbers[-1] = rng.choice([-1.0, 1.0])
         return numbers.round(3).tolist()
     if rng.random() < 0.15:

@@ -93,7 +93,7 @@ def test_the_scenarios_have_everything_in_them() -> None:
     assert sum(case.count("blocked") for case in cases) >= 20
     assert {case.inputs.rotor is None for case in cases} == {True, False}
     assert {case.inputs.wind_mps == (0.0, 0.0) for case in cases} == {True, False}
-    assert {case.world.chooses_cruise for case in cases} == {True, False}
+    assert {"aim_cruise" in case.world.commands.names for case in cases} == {True, False}
     assert {case.inputs.three_d for case in cases} == {True, False}
     returns = [leg for case in cases for leg in case.log.legs if leg.mode is Mode.RETURNING]
     assert len(returns) > 1.5 * sum(case.count("land") for case in cases)  # round obstacles

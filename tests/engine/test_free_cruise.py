@@ -202,8 +202,8 @@ def test_energy_in_joules_of_a_leg_between_two_cells():
 
 def test_the_number_of_the_speed_stands_before_the_wish_to_charge():
     world = freely(battery={"autonomy_min": 10, "return_below": 1.0}, steps=2)
-    assert world.command_names == ("aim_x", "aim_y", "aim_cruise", "aim_charge")
-    assert freely().command_names == ("aim_x", "aim_y", "aim_cruise")
+    assert world.commands.names == ("aim_x", "aim_y", "aim_cruise", "aim_charge")
+    assert freely().commands.names == ("aim_x", "aim_y", "aim_cruise")
     _, log = fly(world, [0.5, -0.25, 0.75, -1.0], [0.1, 0.2, 0.3, 1.0])
     first, second = log.steps
     assert (first.aim_x, first.aim_y, first.aim_z, first.aim_cruise) == (0.5, -0.25, 0.0, 0.75)

@@ -163,7 +163,7 @@ class TestByHand:
         world = mixed(by_cells(start_cells=[(0, 0)]), free(start_cells=[(8, 0)]))
         engine = Flight(world).engine
         engine.reset(path_of(world))
-        with pytest.raises(ValueError, match=r"drone 0 flies from cell to cell.*\[1.0, 0.0\]"):
+        with pytest.raises(ValueError, match=r"drone 0 is the index .*; not \[1.0, 0.0\]"):
             engine.step([[1.0, 0.0], [1.0, 0.0]])
 
     def test_one_of_each_kind_come_too_near(self):

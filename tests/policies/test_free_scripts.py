@@ -169,9 +169,13 @@ def test_a_command_that_does_not_fit_its_drone(columns: str, row: str, told: str
 
 def test_a_command_that_does_not_fit_the_scenario(script: Write):
     for world, row, told in (
-        (alone(), "0,0,right,,", "action: 'right' does not exist in this scenario; allowed: fly, "),
-        (alone(), "0,0,charge,,", "'charge' does not exist in this scenario"),
-        (fleet(["cells"], [(5, 5)]), "0,0,fly,0,0", "action: 'fly' does not exist"),
+        (
+            alone(),
+            "0,0,right,,",
+            "action: 'right' is not an action of this scenario; allowed: fly, ",
+        ),
+        (alone(), "0,0,charge,,", "'charge' is not an action of this scenario"),
+        (fleet(["cells"], [(5, 5)]), "0,0,fly,0,0", "action: 'fly' is not an action"),
     ):
         with pytest.raises(PolicyError) as error:
             flown(world, script(XY, row))

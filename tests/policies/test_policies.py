@@ -437,8 +437,8 @@ def test_a_script_that_cannot_be_read(
     ("text", "line", "told"),
     [
         ("step,drone,action\n0,0,right\n1,1,right\n", 3, "drone: 1: must be from 0 to 0"),
-        ("step,drone,action\n0,0,up\n", 2, "'up' does not exist in this scenario"),
-        ("step,drone,action\n0,0,right\n1,0,charge\n", 3, "'charge' does not exist"),
+        ("step,drone,action\n0,0,up\n", 2, "'up' is not an action of this scenario"),
+        ("step,drone,action\n0,0,right\n1,0,charge\n", 3, "'charge' is not an action"),
     ],
 )
 def test_a_script_that_does_not_fit_the_scenario(

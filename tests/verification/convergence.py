@@ -332,7 +332,10 @@ def wished(rng: np.random.Generator, world: World) -> list[float]:
     """A command of a drone that flies freely: a displacement, whether to charge, and a speed."""
     east, north, up = rng.uniform(-1.2, 1.2, 3).round(3).tolist()
     told = [east, north, up if world.scenario.three_d else 0.0, float(rng.choice([-1.0, 1.0]))]
-    return [*told, *(rng.uniform(-1.2, 1.2, int(world.chooses_cruise)).round(3).tolist())]
+    return [
+        *told,
+        *(rng.uniform(-1.2, 1.2, int("aim_cruise" in world.commands.names)).round(3).tolist()),
+    ]
 
 
 def numbers_of(command: list[float], world: World) -> list[float]:

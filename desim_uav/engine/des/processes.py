@@ -11,8 +11,8 @@ from desim_uav.rules import due, words
 from desim_uav.rules.charging import await_full, begin_charging, end_charging
 from desim_uav.rules.coverage import on_crossing
 from desim_uav.rules.crash import crash
-from desim_uav.rules.decide import go_home, obey
-from desim_uav.rules.flight import arrive, end_move, station_under
+from desim_uav.rules.decide import obey, on_arrival
+from desim_uav.rules.flight import station_under
 from desim_uav.rules.points import on_renewal
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Drone, User
@@ -64,15 +64,11 @@ class Processes:
                 if drone.waits or drone.mode == words.CRASHED:
                     yield self.commands[drone.index]
                     obey(world, path, state, drone)
-                if drone.mode == words.FLYING and not drone.waits:
-                    yield from self.until(due.arrival_slot(state, drone.index))
-                    end_move(world, state, drone)
-                while drone.mode == words.RETURNING:
-                    yield from self.until(due.arrival_slot(state, drone.index))
-                    arrive(world, state, drone)
-                    go_home(world, path, state, drone, words.ARRIVAL)
-                if drone.mode in (words.QUEUED, words.CHARGING):
+                elif drone.mode in words.IN_QUEUE:
                     yield from self.charge(drone, station_under(world, drone))
+                else:
+                    yield from self.until(due.arrival_slot(state, drone.index))
+                    on_arrival(world, path, state, drone)
             except simpy.Interrupt:  # by its battery: it has crashed
                 pass
 

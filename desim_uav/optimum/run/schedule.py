@@ -15,7 +15,7 @@ import numpy as np
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.errors import UsageError
-from desim_uav.model.rules import MOVES, US, Action, Mode
+from desim_uav.model.rules import IN_QUEUE, MOVES, US, Action, Mode
 from desim_uav.model.state import Observation
 from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.run.alone import (
@@ -120,7 +120,7 @@ class Team:
     def _action(self, drone: int, at: int, step: int, seen: Observation) -> tuple[Action, int]:
         """Return the action of a drone at a place, and the place to which it leads."""
         plan, mode = self.plans[drone], seen.mode
-        if mode in (Mode.QUEUED, Mode.CHARGING):
+        if mode in IN_QUEUE:
             return Action.CHARGE, at
         if mode == Mode.CRASHED or plan is None:
             return Action.HOVER, at

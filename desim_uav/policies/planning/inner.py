@@ -10,7 +10,7 @@ from desim_uav.engine.compiled.pack import lacking
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import SavedState, copied
 from desim_uav.errors import PolicyError
-from desim_uav.model.rules import AIRBORNE, US, Mode
+from desim_uav.model.rules import AIRBORNE, GROUNDED, US
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -94,7 +94,7 @@ def _charge(engine: Engine) -> float:
 def _battery_us(engine: Engine, drone: Any) -> int:
     """Return the time that a drone's battery lasts, less that since its last record in the air."""
     per_us = engine.world.per_second / US
-    if drone.mode in (Mode.CHARGED, Mode.CHARGING, Mode.QUEUED):
+    if drone.mode in GROUNDED:
         return int(engine.world.capacity_us / per_us)
     flown_us = int(engine.state.now_us) - drone.since_us if drone.mode in AIRBORNE else 0
     return max(0, int(drone.battery_us / per_us) - flown_us)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import UserState
 from desim_uav.engine.episode import Engine
-from desim_uav.model.rules import DECIDES, US, Mode
+from desim_uav.model.rules import DECIDES, IN_QUEUE, US, Mode
 from desim_uav.model.state import Observation
 from desim_uav.policies.planning.ground import NO_WAY, Ground
 
@@ -81,7 +81,7 @@ def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing
             lands_us, (x, y), battery_us = _lands(engine, ground, drone, seen)
             station = _station(ground, x, y)
             landings.append((lands_us, 0, station, battery_us, drone.index))
-        elif seen.mode in (Mode.QUEUED, Mode.CHARGING):
+        elif seen.mode in IN_QUEUE:
             battery_us = seen.battery_s * ground.world.per_second
             station = ground.world.stations.index((drone.x, drone.y))
             landings.append((-1, places[drone.index], station, battery_us, drone.index))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from desim_uav.model.rules import US, Action, AtSpeed, Mode, Phase
+from desim_uav.model.rules import GROUNDED, US, Action, AtSpeed, Mode, Phase
 from desim_uav.records import EPISODES
 from desim_uav.report.batteries import batteries_before_us, battery_curve
 from desim_uav.report.links import full_service_s, links_content, mean_rate_bps
@@ -278,6 +278,7 @@ class Encoder:
             "kinds": KINDS,
             "leads_to": {kind: int(mode) for kind, mode in LEADS_TO.items()},
             "modes": [mode.name.lower() for mode in Mode],
+            "grounded": sorted(map(int, GROUNDED)),
             "actions": self.actions,
             "record_phase": int(Phase.RECORD),
             "profiles": self.flights.profiles,

@@ -115,7 +115,7 @@ export class State {
       const mode = episode.leg.mode[k];
       this.mode[d] = mode;
       this.sinceUs[d] = episode.leg.tUs[k];
-      if (mode === QUEUED || mode === CHARGING || mode === CHARGED) {
+      if (run.grounded.includes(mode)) {
         this.station[d] = nearestStation(run, episode.leg.xTo[k], episode.leg.yTo[k]);
       }
     }
