@@ -571,9 +571,9 @@ MUTATIONS = (
     ),
     Mutation(
         "separation: a drone at rest is where it is told to fly",
-        "rules/separation.py",
-        "return x0, y0, z0, x0, y0, z0",
-        "return x0, y0, z0, x1, y1, z1",
+        "rules/transits.py",
+        "leg.x1_m, leg.y1_m, leg.z1_m = leg.x0_m, leg.y0_m, leg.z0_m",
+        "leg.x0_m, leg.y0_m, leg.z0_m = leg.x0_m, leg.y0_m, leg.z0_m",
         ("engine/test_conflicts.py",),
     ),
 )

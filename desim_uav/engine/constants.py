@@ -160,10 +160,10 @@ def _set_flights(made: Constants, world: World) -> None:
         for action in world.actions
     )
     made.first_hop = _first_hop(world)
-    made.transits = Table(map(_transit, transits_of(world)))
+    made.transits = Table(map(transit_row, transits_of(world)))
 
 
-def _transit(transit: Transit) -> TransitRow:
+def transit_row(transit: Transit) -> TransitRow:
     """Return a transit as a row."""
     pieces = Table(fill(Piece, piece) for piece in transit.profile.tolist())
     _, *told = transit

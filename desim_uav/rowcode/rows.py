@@ -351,21 +351,39 @@ def place(array: NDArray[Any]) -> int:
     return int(array.ctypes.data)
 
 
+def address(one: Any) -> int:
+    """Return the address of a row in memory: in Python of a view, which is valid in this process.
+
+    In compiled code, where each row is in memory, it may be any row.
+    """
+    if not one._address:
+        one._address = place(one._block) + 8 * one._at
+    found: int = one._address
+    return found
+
+
 # ---- blocks of memory in Python
 
 
 class View:
     """A row in a block of memory; its fields are read by name, its tables as arrays or views."""
 
-    __slots__ = ("_at", "_block", "_kept")
+    __slots__ = ("_address", "_at", "_block", "_kept")
 
     def __new__(cls, block: Words, of: Any, at: int = 0) -> Any:
         """Return a view of the row of class ``of`` at a word, whose fields are properties."""
         return super().__new__(_view_class(of))
 
     def __init__(self, block: Words, of: type[Row], at: int = 0) -> None:
-        self._block, self._at = block, at
+        self._block, self._at, self._address = block, at, 0
         self._kept: dict[str, Any] = {}
+
+
+def in_memory(one: R) -> R:
+    """Return a copy of a row in a block of memory of its own, as a view of it."""
+    made: Any = View(packed(one), type(one))
+    copied: R = made
+    return copied
 
 
 @cache

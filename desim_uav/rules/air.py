@@ -27,8 +27,8 @@ from desim_uav.model.radio.scene import (
     Z1,
 )
 from desim_uav.rowcode.kernels import rule
-from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Constants, Drone, State
+from desim_uav.rules.transits import heights_of, way_of
 from desim_uav.rules.words import OWN
 
 PROFILE = 4

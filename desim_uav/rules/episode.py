@@ -23,7 +23,7 @@ from desim_uav.rules.points import serve_from_points, serve_on
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rewards import clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.separation import BEGINS, ENDS
+from desim_uav.rules.separation import begin_pairs, end_pairs
 from desim_uav.rules.service import forget_request
 from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
@@ -64,7 +64,7 @@ def begin(world: Constants, path: Path, state: State) -> None:
     for station in range(len(state.stations)):
         hand_on_pads(world, state, station)
     if world.separation_m > 0.0:
-        call(world.tally, (world, state, BEGINS))
+        begin_pairs(state)
     run_until(state, 0, key(words.RESPAWN, -1, -1))
 
 
@@ -279,7 +279,7 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
     close_all(world, path, state)
     leave_all(state, words.RECORD)
     if world.separation_m > 0.0:
-        call(world.tally, (world, state, ENDS))
+        end_pairs(world, state)
     for d in range(len(state.senders)):
         sender = state.senders[d]
         sender.serving = 0

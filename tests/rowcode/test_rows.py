@@ -28,11 +28,13 @@ from desim_uav.rowcode.rows import (
     Table,
     View,
     Words,
+    address,
     array_of,
     blank,
     dtype_of,
     fill,
     held_by,
+    in_memory,
     is_row,
     packed,
     row,
@@ -501,6 +503,24 @@ def test_a_row_holds_the_address_of_a_function():
     sort_by(in_python, 3)
     compiled(sort_by)(block.ctypes.data, 3)
     assert View(block, Shelf).number == in_python.number == 4 + 3 * (2 + 2**40)
+
+
+@rule
+def addresses(shelf: Shelf) -> tuple[int, int]:
+    return address(shelf), address(shelf.books[1])
+
+
+@numba.njit(**OPTIONS)
+def addresses_at(at: int) -> tuple[int, int]:
+    return addresses(shelf_at(at))
+
+
+def test_the_address_of_a_row_is_the_same_in_python_and_compiled():
+    copied: Any = in_memory(shelf())
+    at, of_second = addresses(copied)
+    assert (at, of_second) == addresses_at(at)
+    assert [book.pages for book in copied.books] == [book.pages for book in shelf().books]
+    assert address(View(copied._block, Shelf)) == at
 
 
 floats_at, bytes_at = entries_at(float), entries_at(bool)

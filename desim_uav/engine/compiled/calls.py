@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP
-from desim_uav.engine.compiled import free, looking, loop, separation
+from desim_uav.engine.compiled import free, looking, loop
 from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.model.decisions import discount_of
@@ -29,6 +29,7 @@ from desim_uav.rules.coverage import look_anew
 from desim_uav.rules.due import due, nothing_due
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.whole_state import write_state
+from desim_uav.sky import separation
 
 Ints = NDArray[np.int64]
 
@@ -60,11 +61,8 @@ def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
     if len(constants.spaces) > 0:
         free.set_free(constants)
     if constants.separation_m > 0.0:
-        pairs = (Constants, State)
-        constants.part = address_of(separation.part, *pairs, Drone)
-        constants.on_separation = address_of(separation.on_separation, *pairs)
-        constants.tally = address_of(separation.tally, *pairs, int)
-        constants.must_wait = address_of(separation.must_wait, *pairs, Drone, int)
+        constants.meet = address_of(separation.meet, *[int] * 7)
+        constants.least_m = address_of(separation.least_m, *[int] * 6)
     constants.run = address_of(loop.run, Constants, Path, State, int)
 
 

@@ -51,8 +51,8 @@ from desim_uav.rules.air import (
     span_of_marks,
 )
 from desim_uav.rules.association import known_until_us
-from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
+from desim_uav.rules.transits import heights_of, way_of
 from desim_uav.rules.words import LOST, NEVER
 
 PIECE_COLUMNS = 4

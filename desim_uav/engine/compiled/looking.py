@@ -26,9 +26,8 @@ from desim_uav.rowcode.compiled_rows import as_array, call, call_for_int, place_
 from desim_uav.rowcode.kernels import kernel, rule, stands_in_for
 from desim_uav.rules import coverage as seam
 from desim_uav.rules import spots
-from desim_uav.rules.flight import way_of
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.transits import began_us, flight_of
+from desim_uav.rules.transits import began_us, flight_of, way_of
 from desim_uav.rules.words import LOST
 
 CHANGE_COLUMNS, PIECE_COLUMNS = 3, 4

@@ -6,7 +6,6 @@ from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.mobility.walking import LEG_COLUMNS
-from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule, stands_in_for
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
 from desim_uav.rules.coverage import on_crossing
@@ -17,6 +16,7 @@ from desim_uav.rules.episode import begin, command, end_step, show_first, start_
 from desim_uav.rules.points import on_renewal
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Constants, Path, State
+from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
 from desim_uav.rules.words import ATTACHMENT, OUT_OF_MEMORY, QUEUED, RECORD, RESPAWN, UNFINISHED
 
@@ -128,7 +128,7 @@ def _happen(world: Constants, path: Path, state: State, slot: int) -> None:
 def _happen_rarely(world: Constants, path: Path, state: State, slot: int, separation: int) -> None:
     """Let the event of a slot happen that few scenarios have, counted from the first arrival."""
     if slot == separation:
-        call(world.on_separation, (world, state))
+        on_separation(world, state)
     elif slot > separation:
         on_renewal(world, path, state)
     else:

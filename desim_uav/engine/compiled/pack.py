@@ -28,17 +28,16 @@ from desim_uav.engine.compiled.slots import tournaments
 from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of
 from desim_uav.engine.free import space_row
+from desim_uav.engine.sky import scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.mobility.walking import LEG_COLUMNS, walking_of
-from desim_uav.model.radio.tracks import TRACK_COLUMNS
 from desim_uav.model.rules import US
 from desim_uav.rowcode.components import compiled
 from desim_uav.rowcode.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.rules.due import crossing_slot, slots
 from desim_uav.rules.rows import Constants, Drone, SpaceRow, State, Station
-from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS
 from desim_uav.world import World
 
 Array = np.ndarray[Any, Any]
@@ -136,6 +135,7 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
         raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
     constants: Any = constants_of(world, settings)
     set_air(constants, world)
+    constants.scene = scene_of(world)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
     if world.free:
@@ -222,9 +222,7 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
     if world.graded:
         look.windows = _windows_of(world).reshape(-1)
         look.found, look.order = _whole(3 * buffers.crossings), _whole(buffers.crossings)
-    if len(state.pairs) > 0:
-        look.apart = np.zeros(MOST_TRACK_ROWS * TRACK_COLUMNS)
-        look.turns = _whole(2 * MOST_TURNS)
+    state.sky = sky_of(world)
     look.heads, look.following = _whole(nx * ny), _whole(users if nx * ny else 0)
     if world.row_mobility:
         model: Any = type(world.row_mobility)

@@ -49,7 +49,7 @@ from desim_uav.rules.air import (
     span_of_marks,
 )
 from desim_uav.rules.association import known_until_us
-from desim_uav.rules.flight import heights_of, way_of
+from desim_uav.rules.transits import heights_of, way_of
 from desim_uav.rules.words import NEVER
 from desim_uav.world import World
 

@@ -17,40 +17,37 @@ from desim_uav.engine.des.in_air import InAir
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import own_over_rows, set_components
 from desim_uav.engine.des.processes import Processes
-from desim_uav.engine.des.separation import Separation
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
+from desim_uav.engine.sky import scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.demand.asking import Requests
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.motion.motion import REST as REST_FLIGHT
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.rowcode.rows import Table, blank, bound, fill
+from desim_uav.rowcode.rows import Table, blank, bound, fill, in_memory
 from desim_uav.rules.air import keeps_rings
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
-from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Ask, Constants, Path, State
-from desim_uav.rules.separation import must_wait, part, tally
 from desim_uav.rules.settle import settle
-from desim_uav.rules.transits import began_us
+from desim_uav.rules.transits import began_us, heights_of, way_of
 from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN, REST
 from desim_uav.sample_path import SamplePath
+from desim_uav.sky.separation import least_m, meet
 from desim_uav.typed import typed
 from desim_uav.world import World
 
 
 class LiveState(State):
-    """The state of an episode, with five fields that only the SimPy engine needs.
+    """The state of an episode, with four fields that only the SimPy engine needs.
 
-    ``clock`` is its event queue, and ``apart`` finds the distances of drones. ``named_terms`` holds
-    the terms of each drone's reward by name if the reward does not work on rows, ``observed``
-    returns the drones' observations, and ``find_users`` writes the users' places (see
-    ``rules.spots``).
+    ``clock`` is its event queue. ``named_terms`` holds the terms of each drone's reward by name if
+    the reward does not work on rows, ``observed`` returns the drones' observations, and
+    ``find_users`` writes the users' places (see ``rules.spots``).
     """
 
-    __slots__ = ("apart", "clock", "find_users", "named_terms", "observed")
-    apart: Separation
+    __slots__ = ("clock", "find_users", "named_terms", "observed")
     clock: Clock
     find_users: Callable[[], None]
     named_terms: Sequence[dict[str, float]]
@@ -103,7 +100,8 @@ class Simulation(Engine):
         made.hops = made.plans.hops
         made.foresee = self._foresee
         made.foresee_all = self._foresee_all
-        made.part, made.tally, made.must_wait = part, tally, must_wait
+        made.scene = in_memory(scene_of(world))
+        made.meet, made.least_m = meet, least_m
         set_components(made, world)
         if world.free:
             set_free(made, world)
@@ -115,7 +113,8 @@ class Simulation(Engine):
         state = state_of(self.world, self.settings, Buffers(), LiveState)
         state.keeps_requests = 1
         state.named_terms, state.observed = (), self.observations
-        state.find_users, state.apart = self._find_users, Separation(self.transits)
+        state.find_users = self._find_users
+        state.sky = in_memory(sky_of(self.world))
         return state
 
     # ---- episodes

@@ -13,17 +13,16 @@ from desim_uav.rules.rows.flights import (
     Cell,
     Hop,
     Move,
-    Piece,
     Place,
     Plan,
     SpaceRow,
-    TransitRow,
     WaysRow,
 )
 from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.sample_path import Ask, Path
 from desim_uav.rules.rows.state import AirTables, Look, State, Wide
 from desim_uav.rules.rows.users import Request, Spot, User
+from desim_uav.sky.rows import Piece, TransitRow
 
 __all__ = [
     "AirTables",

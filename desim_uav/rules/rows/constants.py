@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from desim_uav.rowcode.rows import Row, Table, row
-from desim_uav.rules.rows.flights import Cell, Hop, Move, Place, Plan, SpaceRow, TransitRow
+from desim_uav.rules.rows.flights import Cell, Hop, Move, Place, Plan, SpaceRow
+from desim_uav.sky.rows import Scene, TransitRow
 
 
 @row
@@ -129,8 +130,9 @@ class Constants(Row):
     ``separation_m`` (0: they have not to keep any); one ``gives_way`` to those with lower indices.
     ``features`` is the number of features that a learner observes, and ``gamma`` its discount of a
     step. If drones fly freely, ``spaces`` has an entry for each type; only those of free ones are
-    used. The fields from ``foresee`` on are functions, or in compiled code their addresses;
-    ``reward_values`` and the like are the addresses of the components' fields.
+    used. ``scene`` is for the kernels of the sky. The fields from ``foresee`` on are functions, or
+    in compiled code their addresses; ``reward_values`` and the like are the addresses of the
+    components' fields.
     """
 
     steps: int
@@ -201,15 +203,14 @@ class Constants(Row):
     known_at: Table[int]
     known: Table[Change]
     spaces: Table[SpaceRow]
+    scene: Scene
     foresee: int
     foresee_all: int
     foresee_rings: int
     find_in_classes: int
     passes_us: int
-    part: int
-    on_separation: int
-    tally: int
-    must_wait: int
+    meet: int
+    least_m: int
     pay: int
     describe: int
     charged: int

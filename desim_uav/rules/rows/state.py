@@ -7,6 +7,7 @@ from desim_uav.rowcode.rows import Queue, Row, Table, row
 from desim_uav.rules.rows.drones import Drone, Observation, Pair, Station
 from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.users import Spot, User
+from desim_uav.sky.rows import Sky
 
 
 @row
@@ -54,8 +55,7 @@ class Look(Row):
     """The users' walks in the present span of time (only in ``engine.compiled.looking``).
 
     They are known until ``walked_us`` if users walk step by step. ``windows``, ``found`` and
-    ``order`` are memory for the changes on a leg, and ``apart`` and ``turns`` for the tracks of two
-    drones and the changes of their distance.
+    ``order`` are memory for the changes on a leg.
     """
 
     from_us: int
@@ -69,8 +69,6 @@ class Look(Row):
     windows: Table[float]
     found: Table[int]
     order: Table[int]
-    apart: Table[float]
-    turns: Table[int]
     walking: Walking
     air: AirTables
 
@@ -105,11 +103,11 @@ class State(Row):
     distance in the windows that have ended. At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
-    ``history`` holds all commands. In the compiled engine, ``slot_times`` to ``winners`` are the
-    event queue, and ``before`` holds the time and the rows of drones and stations (with their
-    queues) with which the episode began. In free flight, ``aims`` holds what belongs to the
-    commands (``Course.aim_x`` and the four after it), ``flown`` the legs of a step for the log, and
-    ``away_m`` is memory.
+    ``history`` holds all commands. ``sky`` is for the kernels of the sky. In the compiled engine,
+    ``slot_times`` to ``winners`` are the event queue, and ``before`` holds the time and the rows of
+    drones and stations (with their queues) with which the episode began. In free flight, ``aims``
+    holds what belongs to the commands (``Course.aim_x`` and the four after it), ``flown`` the legs
+    of a step for the log, and ``away_m`` is memory.
     """
 
     now_us: int
@@ -174,6 +172,7 @@ class State(Row):
     closed: Queue[Closed]
     handovers: Queue[Handover]
     look: Look
+    sky: Sky
     slot_times: Table[int]
     slot_keys: Table[int]
     winners: Table[int]
