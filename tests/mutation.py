@@ -53,18 +53,10 @@ class Mutation:
 MUTATIONS = (
     # ---- geometry and motion
     Mutation(
-        "a footprint 1 m too wide, SimPy engine",
-        "engine/des/crossings.py",
-        "        radii_m = self.radii_m[level]\n",
-        "        radii_m = self.radii_m[level] + 1\n",
-        ("engine/test_footprints.py",),
-    ),
-    Mutation(
-        "a footprint 1 mm too wide, compiled engine",
-        "engine/compiled/looking.py",
-        "rings[0, 0])\n    found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))\n    if in",
-        "rings[0, 0] + 1e-3)\n"
-        "    found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))\n    if in",
+        "a footprint 1 mm too wide",
+        "sky/foresee.py",
+        "rings.radii_m[leg.level * _circles(rings)])\n",
+        "rings.radii_m[leg.level * _circles(rings)] + 1e-3)\n",
         ("engine/test_footprints.py",),
     ),
     Mutation(

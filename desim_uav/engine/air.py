@@ -51,12 +51,6 @@ def set_air(made: Constants, world: World) -> None:
             Table(np.cumsum([0, *map(len, profiles)]).tolist()),
         )
     made.heights_m, made.profiles, made.profiles_at = tables
-    for row, links in zip(made.radios, world.links, strict=True):
-        fits = fits_between(world, links)
-        row.slabs = fits.terms.shape[3]
-        row.terms = Table(fits.terms.reshape(-1).tolist())
-        row.ranges = Table(fits.ranges.reshape(-1).tolist())
-        row.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
     if world.marked:
         buildings = buildings_of(world)
         made.corners_m = Table(buildings.corners_m.reshape(-1).tolist())

@@ -7,7 +7,16 @@ from typing import Any
 from numba import extending
 
 from desim_uav.rowcode.bounds import INSERT, POP, REMOVE
-from desim_uav.rowcode.compiled_rows import Line, requiring, set_spare, set_word, spare, word
+from desim_uav.rowcode.compiled_rows import (
+    Line,
+    as_array,
+    requiring,
+    set_spare,
+    set_word,
+    spare,
+    word,
+)
+from desim_uav.rowcode.rows import width_of
 
 overload_attribute: Any = extending.overload_attribute
 overload_method: Any = extending.overload_method
@@ -50,6 +59,23 @@ def _pop(line: Any) -> Any:
         return spare(line, last)
 
     return pop
+
+
+@overload_method(Line, "take")
+def _take(line: Any, entries: Any, count: Any) -> Any:
+    width = width_of(line.of)
+
+    def take(line: Any, entries: Any, count: Any) -> None:
+        if count > word(line, 2):
+            set_word(line, 3, 1)
+            count = word(line, 2)
+        set_word(line, 1, count)
+        ours, theirs = as_array(line, (count, width)), as_array(entries, (count, width))
+        for k in range(count):
+            for column in range(width):
+                ours[k, column] = theirs[k, column]
+
+    return take
 
 
 @overload_method(Line, "clear")

@@ -52,7 +52,7 @@ def keeps_rings(world: Constants, drone: Drone) -> bool:
 @rule
 def goes_between(world: Constants, drone: Drone) -> bool:
     """Return whether a drone passes between neighbouring levels, where the rings are known."""
-    known = len(world.radios[drone.radio].terms) > 0
+    known = len(world.scene.rings[drone.radio].terms) > 0
     return known and abs(drone.to_level - drone.level) == 1
 
 

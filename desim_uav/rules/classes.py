@@ -5,8 +5,10 @@ A user for whom the class of a drone's link is at least 1 is in the footprint of
 
 from __future__ import annotations
 
-from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.compiled_rows import call, call_for_int
 from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.rows import address
+from desim_uav.rules.air import keeps_rings
 from desim_uav.rules.attachment import detach
 from desim_uav.rules.credit import credit_entry, credit_exit
 from desim_uav.rules.due import crossing_slot, due, key, undo
@@ -14,8 +16,10 @@ from desim_uav.rules.links import begin_outage, end_outage, unsettle, unsettle_c
 from desim_uav.rules.note import note_class
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import regrade
-from desim_uav.rules.transits import began_us
-from desim_uav.rules.words import ENTRY, EXIT, NEVER, ON_CLASS, ON_ENTER, ON_EXIT
+from desim_uav.rules.standing import recall
+from desim_uav.rules.transits import began_us, show_leg
+from desim_uav.rules.walks import know_walks, walks_of
+from desim_uav.rules.words import ENTRY, EXIT, LOST, NEVER, ON_CLASS, ON_ENTER, ON_EXIT
 
 
 @rule
@@ -29,10 +33,32 @@ def foresee(
     Changes at this very instant happen immediately and are logged under ``phase``. A drone may
     begin to serve in the middle of a transit, at the start of an episode.
     """
-    call(world.foresee, (world, path, state, drone, span_us))
+    if world.in_air and not keeps_rings(world, drone):
+        call(world.foresee_in_air, (world, path, state, drone, span_us))
+    else:
+        foresee_rings(world, path, state, drone, span_us)
     if began_us(state, drone) < state.now_us:
         _sum_up_past(state, drone)
     _begin_changes(world, state, drone, phase)
+
+
+@rare_rule
+def foresee_rings(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
+    """Write the changes on a leg to ``drone.ahead``, where they are those of rings."""
+    if state.look.stand and drone.serving and span_us == world.step_us:
+        recall(world, state, drone)
+        return
+    ahead, until_us = drone.ahead, state.now_us + span_us
+    know_walks(world, path, state, state.now_us, until_us)
+    if path.stepwise and state.look.walking.lost:
+        state.faults |= LOST
+        ahead.clear()
+        return
+    show_leg(world, state, drone)
+    places = address(world.scene), address(state.sky), *walks_of(path, state)
+    of_leg = drone.index, began_us(state, drone), until_us
+    count = call_for_int(world.foresee, (*places, *of_leg))
+    ahead.take(state.sky.changes, count)
 
 
 @rare_rule

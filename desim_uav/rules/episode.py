@@ -9,7 +9,7 @@ from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import begin_count, count_charge
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
-from desim_uav.rules.coverage import leave_all, look_anew, track
+from desim_uav.rules.coverage import leave_all, track
 from desim_uav.rules.crash import ends_episode, respawn
 from desim_uav.rules.credit import credit_step, forget_credit
 from desim_uav.rules.decide import allow, go_home, is_under_way, obey, observe, record, taken
@@ -27,6 +27,7 @@ from desim_uav.rules.separation import begin_pairs, end_pairs
 from desim_uav.rules.service import forget_request
 from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
+from desim_uav.rules.walks import look_anew
 from desim_uav.rules.wide import clear
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP
-from desim_uav.engine.compiled import free, looking, loop
+from desim_uav.engine.compiled import free, loop
 from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.model.decisions import discount_of
@@ -25,11 +25,12 @@ from desim_uav.rowcode.compiled_rows import (
 )
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule
 from desim_uav.rules import requests
-from desim_uav.rules.coverage import look_anew
 from desim_uav.rules.due import due, nothing_due
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
+from desim_uav.rules.walks import know_walks, look_anew
 from desim_uav.rules.whole_state import write_state
 from desim_uav.sky import separation
+from desim_uav.sky.foresee import foresee_discs, foresee_rings
 
 Ints = NDArray[np.int64]
 
@@ -50,12 +51,9 @@ def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
     (``in_air``), free flight, and distances of drones.
     """
     leg, pair = (Constants, Path, State, Drone, int), (Constants, Path, State, User)
-    constants.foresee = address_of(looking.foresee, *leg)
-    if graded:
-        constants.find_in_classes = address_of(looking.find_in_classes, *leg)
+    constants.foresee = address_of(foresee_rings if graded else foresee_discs, *[int] * 8)
     if in_air:
-        constants.foresee_rings = constants.foresee
-        constants.foresee = address_of(sought.foresee_in_air, *leg)
+        constants.foresee_in_air = address_of(sought.foresee_in_air, *leg)
         constants.foresee_all = address_of(sought.foresee_all, *leg[:3], int)
         constants.passes_us = address_of(sought.passes_us, *pair, int, int, int, float)
     if len(constants.spaces) > 0:
@@ -272,7 +270,7 @@ def state_all(environments: Ints, places: NDArray[np.float64], out: NDArray[np.f
         row = environments[k]
         world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
         now_us = own.now_us
-        looking.know_walks(world, path, own, now_us, now_us)
+        know_walks(world, path, own, now_us, now_us)
         rows, begins = path.legs, path.legs_at
         if path.stepwise:
             rows, begins = own.look.walking.legs, own.look.walking.legs_at

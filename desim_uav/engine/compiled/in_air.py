@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from desim_uav.engine.air import MOST_PASSED
-from desim_uav.engine.compiled.looking import CHANGE_COLUMNS, know_walks, sort_last_first
 from desim_uav.model.mobility.walking import LEG_COLUMNS
 from desim_uav.model.radio.air import (
     FOUND,
@@ -38,7 +37,7 @@ from desim_uav.model.radio.scene import (
 )
 from desim_uav.model.radio.sight import Buffers, Buildings
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
-from desim_uav.rowcode.compiled_rows import as_array, call, set_word
+from desim_uav.rowcode.compiled_rows import as_array, set_word
 from desim_uav.rowcode.kernels import kernel, rule
 from desim_uav.rules.air import (
     keeps_rings,
@@ -51,22 +50,19 @@ from desim_uav.rules.air import (
     span_of_marks,
 )
 from desim_uav.rules.association import known_until_us
+from desim_uav.rules.classes import foresee_rings
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.transits import heights_of, way_of
+from desim_uav.rules.walks import know_walks
 from desim_uav.rules.words import LOST, NEVER
+from desim_uav.sky.order import CHANGE_COLUMNS, sort_last_first
 
 PIECE_COLUMNS = 4
 
 
 @kernel
 def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
-    """Foresee the changes of class on a drone's leg (see ``rules.classes.foresee``).
-
-    Where the drone keeps its altitude and nothing interferes, they are those of rings.
-    """
-    if keeps_rings(world, drone):
-        call(world.foresee_rings, (world, path, state, drone, span_us))
-        return
+    """Foresee the changes of class on a drone's leg that are not those of rings."""
     start_us, end_us, ahead = state.now_us, state.now_us + span_us, drone.ahead
     if not _knows_walks(world, path, state, end_us):
         ahead.clear()
@@ -91,7 +87,7 @@ def foresee_all(world: Constants, path: Path, state: State, span_us: int) -> Non
         drone = state.senders[d]
         found[d, FOUND_AT] = 0
         if drone.serving and keeps_rings(world, drone):
-            call(world.foresee_rings, (world, path, state, drone, span_us))
+            foresee_rings(world, path, state, drone, span_us)
         elif drone.serving:
             drone.ahead.clear()
             _mark_all(world, path, state, drone, span[1])

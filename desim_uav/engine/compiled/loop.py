@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
+from desim_uav.model.geometry.coverage import LEG, leg_near, walked
 from desim_uav.model.mobility.walking import LEG_COLUMNS
+from desim_uav.rowcode.compiled_rows import as_array
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule, stands_in_for
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
 from desim_uav.rules.coverage import on_crossing
@@ -18,7 +20,17 @@ from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Constants, Path, State
 from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
-from desim_uav.rules.words import ATTACHMENT, OUT_OF_MEMORY, QUEUED, RECORD, RESPAWN, UNFINISHED
+from desim_uav.rules.spots import find_users
+from desim_uav.rules.walks import know_walks
+from desim_uav.rules.words import (
+    ATTACHMENT,
+    LOST,
+    OUT_OF_MEMORY,
+    QUEUED,
+    RECORD,
+    RESPAWN,
+    UNFINISHED,
+)
 
 START_AFRESH, RESET, STEP = range(3)
 """The tasks of ``run``: put the drones at their starts, begin an episode, or run a step."""
@@ -69,6 +81,31 @@ def _hand_on_pads(world: Any, state: Any, station: Any) -> Any:
                     k = 0
 
     return hand_on
+
+
+@stands_in_for(find_users)
+def _find_users(world: Any, path: Any, state: Any) -> Any:
+    def find(world: Any, path: Any, state: Any) -> None:
+        look, now_us, count = state.look, state.now_us, len(state.users)
+        if look.stand and state.step > 0:
+            return  # all users still are where they were
+        know_walks(world, path, state, now_us, now_us)
+        if path.stepwise:
+            if look.walking.lost:
+                state.faults |= LOST
+                return
+            rows, begins = look.walking.legs, look.walking.legs_at
+        else:
+            rows, begins = path.legs, path.legs_at
+        legs, seen = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)), state.sky.seen
+        for user in range(count):
+            begin, stop = begins[user], begins[user + 1]
+            if stop > begin:  # else there was no memory for the user's legs
+                guess = stop - 1 if path.stepwise else begin + int(seen[LEG * count + user])
+                leg = leg_near(legs, begin, stop, now_us, guess)
+                state.spots[user].x_m, state.spots[user].y_m = walked(legs, leg, now_us)
+
+    return find
 
 
 @rule

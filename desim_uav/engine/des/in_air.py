@@ -8,6 +8,7 @@ import numpy as np
 
 from desim_uav.engine.air import Room, buildings_of, set_memory, set_room
 from desim_uav.engine.constants import transits_of
+from desim_uav.model.geometry.relative import TIME_US, USER
 from desim_uav.model.mobility.walking import Walks
 from desim_uav.model.radio.air import (
     FOUND,
@@ -29,6 +30,7 @@ from desim_uav.model.radio.marks import (
     compiled_chance,
     marks_of,
 )
+from desim_uav.model.radio.nested import CHANGE
 from desim_uav.model.radio.scene import (
     LOSS_COLUMNS,
     PLACE_COLUMNS,
@@ -39,6 +41,8 @@ from desim_uav.model.radio.scene import (
 )
 from desim_uav.model.radio.sight import Buffers
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
+from desim_uav.rowcode.rows import named
+from desim_uav.rules import rows
 from desim_uav.rules.air import (
     lacks_marks,
     needs_marks,
@@ -53,11 +57,20 @@ from desim_uav.rules.transits import heights_of, way_of
 from desim_uav.rules.words import NEVER
 from desim_uav.world import World
 
+Change: Any = named(rows.Change)
+"""The change of a link's class: a tuple, which takes less time than a row."""
+
 Rows = list[list[int]]
 Span = tuple[int, int]
 
 MARKS_A_USER, STRETCHES = 4, 16
 """How many marks of a user, and blocked stretches of a line of sight, there is memory for first."""
+
+
+def last_first(found: Rows) -> list[Any]:
+    """Return rows as changes, the last one first: by time, rises after falls, then by user."""
+    found.sort(key=lambda row: (row[TIME_US], row[CHANGE] > 0, row[USER]), reverse=True)
+    return [Change(*row) for row in found]
 
 
 class InAir:

@@ -11,32 +11,35 @@ from desim_uav.engine.air import set_air
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
-from desim_uav.engine.des.crossings import Changes, last_first
-from desim_uav.engine.des.free import set_free, transit_of
-from desim_uav.engine.des.in_air import InAir
+from desim_uav.engine.des.free import set_free
+from desim_uav.engine.des.in_air import InAir, last_first
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import own_over_rows, set_components
 from desim_uav.engine.des.processes import Processes
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
-from desim_uav.engine.sky import scene_of, sky_of
+from desim_uav.engine.sky import enlarged, scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.demand.asking import Requests
 from desim_uav.model.geometry.coverage import all_walked
-from desim_uav.model.motion.motion import REST as REST_FLIGHT
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.rowcode.rows import Table, blank, bound, fill, in_memory
+from desim_uav.rowcode.rows import Table, address, blank, bound, fill, in_memory
 from desim_uav.rules.air import keeps_rings
+from desim_uav.rules.classes import foresee_rings as change_by_rings
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
 from desim_uav.rules.rows import Ask, Constants, Path, State
 from desim_uav.rules.settle import settle
-from desim_uav.rules.transits import began_us, heights_of, way_of
-from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN, REST
+from desim_uav.rules.walks import look_anew
+from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN
 from desim_uav.sample_path import SamplePath
+from desim_uav.sky.foresee import foresee_discs, foresee_rings
 from desim_uav.sky.separation import least_m, meet
 from desim_uav.typed import typed
 from desim_uav.world import World
+
+CHANGES = 256
+"""How many changes on a leg there is memory for at first."""
 
 
 class LiveState(State):
@@ -82,7 +85,6 @@ class Simulation(Engine):
         if world.in_air:
             self._in_air = InAir(world, self.constants, self.state)
             self.constants.passes_us = self._in_air.passes_us
-        self._changes = [Changes(world, links) for links in world.links]
         self._asks: tuple[Requests | None, Table[Any]] = (None, Table())
         self.clock = Clock(0)
 
@@ -98,7 +100,7 @@ class Simulation(Engine):
         set_air(made, world)
         made.plans = Plans(world.planners, world.grid)
         made.hops = made.plans.hops
-        made.foresee = self._foresee
+        made.foresee, made.foresee_in_air = self._foresee, self._foresee_in_air
         made.foresee_all = self._foresee_all
         made.scene = in_memory(scene_of(world))
         made.meet, made.least_m = meet, least_m
@@ -114,7 +116,7 @@ class Simulation(Engine):
         state.keeps_requests = 1
         state.named_terms, state.observed = (), self.observations
         state.find_users = self._find_users
-        state.sky = in_memory(sky_of(self.world))
+        state.sky = in_memory(sky_of(self.world, CHANGES))
         return state
 
     # ---- episodes
@@ -139,8 +141,6 @@ class Simulation(Engine):
     def _follow(self, path: SamplePath) -> None:
         """Make a sample path the one of the present episode."""
         self.drawn, self.own_path = path, self._path(path)
-        for changes in self._changes:
-            changes.begin(path.walks)
         if self._in_air is not None:
             self._in_air.begin(path.walks, path.link_key)
 
@@ -170,6 +170,7 @@ class Simulation(Engine):
         self.set_routes(rows.routes)
         self.state.named_terms = [dict(terms) for terms in saved.named_terms]
         self._follow(saved.path)
+        look_anew(self.constants, self.own_path, self.state)
         self._start_clock(self.state.now_us)
         for slot, t_us, place in rows.due:
             self.clock.due(slot, t_us, place)
@@ -215,21 +216,20 @@ class Simulation(Engine):
             self.state.now_us = int(self.clock.now)
             self.audit(self)
 
-    def _foresee(self, world: Any, path: Any, state: Any, drone: Any, span_us: int) -> None:
-        """Write the changes on a leg to ``drone.ahead`` (see ``rules.classes.foresee``)."""
-        if self._in_air is not None and not keeps_rings(world, drone):
-            rows = self._in_air.changes(drone, (state.now_us, state.now_us + span_us))
-            drone.ahead[:] = last_first(rows)
-            return
-        changes, start_us = self._changes[drone.radio], began_us(state, drone)
-        span_us += state.now_us - start_us
-        if drone.off_grid and drone.point < 0:
-            own = REST_FLIGHT if drone.transit == REST else transit_of(drone.course.flight)
-            course = own, way_of(world, drone), heights_of(world, drone)
-            drone.ahead[:] = changes.of_free(course, start_us, span_us, not drone.serving)
-            return
-        flight = self.transits[drone.transit], way_of(world, drone), (drone.level, drone.to_level)
-        drone.ahead[:] = changes.of(flight, start_us, span_us, not drone.serving)
+    def _foresee(self, scene: int, sky: int, *others: int) -> int:
+        """Let the sky foresee the changes on a leg, in more memory if there was too little."""
+        foresee: Any = foresee_rings if self.world.graded else foresee_discs
+        count: int = foresee(scene, sky, *others)
+        while count > len(self.state.sky.changes):
+            self.state.sky = enlarged(self.state.sky, self.world, 2 * count)
+            count = foresee(scene, address(self.state.sky), *others)
+        return count
+
+    def _foresee_in_air(self, world: Any, path: Any, state: Any, drone: Any, span_us: int) -> None:
+        """Write the changes on a leg to ``drone.ahead`` that are not those of rings."""
+        assert self._in_air is not None
+        rows = self._in_air.changes(drone, (state.now_us, state.now_us + span_us))
+        drone.ahead[:] = last_first(rows)
 
     def _foresee_all(self, world: Any, path: Any, state: Any, span_us: int) -> None:
         """Write the changes of all drones that serve and may interfere to their ``ahead``."""
@@ -237,7 +237,7 @@ class Simulation(Engine):
         sought = []
         for drone in state.senders:
             if drone.serving and keeps_rings(world, drone):
-                self._foresee(world, path, state, drone, span_us)
+                change_by_rings(world, path, state, drone, span_us)
             elif drone.serving:
                 sought.append(drone)
         found = self._in_air.changes_of_all(sought, (state.now_us, state.now_us + span_us))
@@ -252,16 +252,20 @@ class Simulation(Engine):
 
     def _path(self, path: SamplePath) -> Path:
         """Return a sample path as a row."""
-        made, requests = blank(Path), path.requests
+        made: Any = blank(Path)
+        requests, walks = path.requests, path.walks
         if requests is not self._asks[0]:
             self._asks = requests, Table(fill(Ask, row) for row in requests.rows.tolist())
         made.asks, made.asks_at = self._asks[1], Table(requests.offsets.tolist())
+        made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1)
+        made.legs_at = np.ascontiguousarray(walks.offsets, np.int64)
         made.after_previous = int(requests.after_previous)
         made.respawns = Table(path.respawn.reshape(-1).tolist())
         made.respawns_drawn = path.respawn.shape[1]
         if path.position_error is not None:
             made.errors = Table(np.asarray(path.position_error).reshape(-1).tolist())
-        return made
+        own: Path = made
+        return own
 
     # ---- access to the rows
 

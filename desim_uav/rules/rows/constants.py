@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from desim_uav.rowcode.rows import Row, Table, row
 from desim_uav.rules.rows.flights import Cell, Hop, Move, Place, Plan, SpaceRow
-from desim_uav.sky.rows import Scene, TransitRow
+from desim_uav.sky.rows import Change, Scene, TransitRow
 
 
 @row
@@ -12,27 +12,18 @@ class Radio(Row):
     """A radio: that of a type of drones, by its number, or after these that of an access point.
 
     ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
-    link of each class carries per hertz, class 0 (none) first. ``rings`` has the radii of all
-    classes from 1 on, by level and then by the ``groups`` into which users fall by their heights;
-    an access point has one level. If it is ``flat``, the radii are the same on all levels.
-    ``terms`` to ``bounds_m`` are the fits between levels, with so many ``slabs`` between two of
-    them (``model.radio.fits.Fits``), or empty. If links
-    are ``marked``, ``sight`` is the kind of line of sight (``model.radio.marks``), and
-    ``los_shadow_db`` and ``nlos_shadow_db`` are the standard deviations of the shadowing.
-    The fields from ``divide`` on are functions, or in compiled code their addresses;
-    ``sharing_values`` and ``loss_values`` are the addresses of the components' fields.
+    link of each class carries per hertz, class 0 (none) first. If it is ``flat``, the radii of its
+    classes (``Scene.rings``) are the same on all levels. If links are ``marked``, ``sight`` is the
+    kind of line of sight (``model.radio.marks``), and ``los_shadow_db`` and ``nlos_shadow_db`` are
+    the standard deviations of the shadowing. The fields from ``divide`` on are functions, or in
+    compiled code their addresses; ``sharing_values`` and ``loss_values`` are the addresses of the
+    components' fields.
     """
 
     bandwidth_hz: int
     classes: int
-    levels: int
     flat: int
     efficiencies: Table[int]
-    rings: Table[float]
-    slabs: int
-    terms: Table[float]
-    ranges: Table[float]
-    bounds_m: Table[float]
     carrier_ghz: float
     power_dbm: float
     noise_dbm: float
@@ -89,20 +80,6 @@ class TypeRow(Row):
 
 
 @row
-class Change(Row):
-    """The change of a link between a drone and a user to another class.
-
-    ``change`` is the new class if the link rises to it, and minus the new class if it falls to it.
-    Class 0 is no link. With the paper's disc, which has one class, 1 is the entry of a user into
-    the footprint and 0 its exit.
-    """
-
-    t_us: int
-    user: int
-    change: int
-
-
-@row
 class Constants(Row):
     """The constants of a run: those of its world and its settings.
 
@@ -115,18 +92,18 @@ class Constants(Row):
     ``Move.transit`` and ``first_hop`` are as if the first type came first of those that fly from
     cell to cell. Types that fly freely have no moves, and do not use them. ``radios`` are those of
     the types of drones, and then those of the access points ``points``. Rewards divide users among
-    ``sharers``: the drones, and the access points that count. ``groups`` are those of the users by
-    height (see ``Radio``). By service, ``in_bits`` says that requests ask for a volume instead of a
-    time, and ``elastic`` that they share what bandwidth is left. ``expected_requests`` is the
-    number of requests of an episode if all are served at once (see ``scenario.cost``). Senders of
-    the same index modulo ``reuse`` interfere (0: none do). What ``model.radio.air`` needs to know
-    is from ``thresholds_db`` to ``profiles_at``: the thresholds of all radios, of which radio r has
-    those from ``thresholds_at[r]`` on, the heights of users (``heights_m``), and the ``profiles``
-    of all transits. The buildings that block lines of sight are from ``corners_m`` to ``tallest_m``
-    (see ``model.radio.sight.Buildings``): building b has the corners from ``corners_at[b]`` on, and
-    bucket k the buildings ``built`` from ``built_at[k]`` on. For ``trigger_us`` and ``margin_db``
-    see ``rules.association``. ``known`` holds changes of users who stand still
-    (``engine.compiled.standing``). Drones are too near to each other below a distance of
+    ``sharers``: the drones, and the access points that count. By service, ``in_bits`` says that
+    requests ask for a volume instead of a time, and ``elastic`` that they share what bandwidth is
+    left. ``expected_requests`` is the number of requests of an episode if all are served at once
+    (see ``scenario.cost``). Senders of the same index modulo ``reuse`` interfere (0: none do).
+    ``in_air`` says that changes of class are not always those of rings. What ``model.radio.air``
+    needs to know is from ``thresholds_db`` to ``profiles_at``: the thresholds of all radios, of
+    which radio r has those from ``thresholds_at[r]`` on, the heights of users (``heights_m``), and
+    the ``profiles`` of all transits. The buildings that block lines of sight are from ``corners_m``
+    to ``tallest_m`` (see ``model.radio.sight.Buildings``): building b has the corners from
+    ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]`` on. For
+    ``trigger_us`` and ``margin_db`` see ``rules.association``. ``known`` holds changes of users who
+    stand still (``rules.standing``). Drones are too near to each other below a distance of
     ``separation_m`` (0: they have not to keep any); one ``gives_way`` to those with lower indices.
     ``features`` is the number of features that a learner observes, and ``gamma`` its discount of a
     step. If drones fly freely, ``spaces`` has an entry for each type; only those of free ones are
@@ -146,6 +123,7 @@ class Constants(Row):
     services: int
     sharers: int
     reuse: int
+    in_air: int
     trigger_us: int
     margin_db: float
     separation_m: float
@@ -176,7 +154,6 @@ class Constants(Row):
     homes: Table[Place]
     radios: Table[Radio]
     points: Table[Point]
-    groups: Table[int]
     thresholds_db: Table[float]
     thresholds_at: Table[int]
     heights_m: Table[float]
@@ -196,18 +173,13 @@ class Constants(Row):
     charging_values: int
     mobility_values: int
     features: int
-    buckets_x: int
-    buckets_y: int
-    bucket_x_m: float
-    bucket_y_m: float
     known_at: Table[int]
     known: Table[Change]
     spaces: Table[SpaceRow]
     scene: Scene
     foresee: int
+    foresee_in_air: int
     foresee_all: int
-    foresee_rings: int
-    find_in_classes: int
     passes_us: int
     meet: int
     least_m: int

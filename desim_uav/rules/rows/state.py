@@ -52,23 +52,14 @@ class AirTables(Row):
 
 @row
 class Look(Row):
-    """The users' walks in the present span of time (only in ``engine.compiled.looking``).
+    """The users' walks in the present span of time, and memory for links in the air.
 
-    They are known until ``walked_us`` if users walk step by step. ``windows``, ``found`` and
-    ``order`` are memory for the changes on a leg.
+    If users walk step by step, their walks are known until ``walked_us``. They ``stand`` if they
+    are at home, and do not walk (see ``rules.standing``).
     """
 
-    from_us: int
-    to_us: int
     walked_us: int
-    far_m: float
     stand: int
-    users: Table[float]
-    heads: Table[int]
-    following: Table[int]
-    windows: Table[float]
-    found: Table[int]
-    order: Table[int]
     walking: Walking
     air: AirTables
 
