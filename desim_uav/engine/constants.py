@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from itertools import accumulate, chain
 
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
-from desim_uav.model.radio.marks import KINDS
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import move_of
 from desim_uav.rowcode.components import works_on_rows
@@ -116,9 +114,6 @@ def _set_links(made: Constants, world: World) -> None:
     made.sharers = scenario.drone_count + sum(point.counts_in_reward for point in points)
     made.points = Table(fill(Point, (*point.at_m, point.height_m)) for point in points)
     made.radios = Table(map(_radio, world.links))
-    thresholds = [links.thresholds_db for links in world.links]
-    made.thresholds_db = Table(chain.from_iterable(thresholds))
-    made.thresholds_at = Table(accumulate(map(len, thresholds), initial=0))
     made.in_bits = Table(world.services.in_bits.astype(int).tolist())
     elastic = world.services.in_bits & world.links[0].radio.sharing.elastic
     made.elastic = Table(elastic.astype(int).tolist())
@@ -134,9 +129,7 @@ def _radio(links: Links) -> Radio:
     if radio.graded:
         made.carrier_ghz, made.power_dbm = radio.carrier_ghz, radio.power_dbm
         made.noise_dbm = radio.budget.noise_dbm
-        made.marked, made.sight = int(radio.marked), KINDS[radio.sight]
-    if radio.graded and radio.shadowing is not None:
-        made.los_shadow_db, made.nlos_shadow_db = map(float, radio.shadowing)
+        made.marked = int(radio.marked)
     return made
 
 

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.air import fits_between, windows_for
+from desim_uav.engine.air import Room, fits_between, set_air, set_memory, set_room, windows_for
 from desim_uav.engine.constants import transit_row, transits_of
 from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.motion.motion import TRAPEZOID
+from desim_uav.model.radio.marks import KINDS, MARK_COLUMNS
 from desim_uav.model.radio.tracks import TRACK_COLUMNS
-from desim_uav.rowcode.rows import Table, array_in, blank, in_memory
+from desim_uav.rowcode.rows import Table, blank, held_by, in_memory, is_row, origin_of
 from desim_uav.sky.rows import Change, Leg, Piece, Rings, Scene, Sky, Turn
 from desim_uav.sky.separation import most_turns
 from desim_uav.world import Links, World
@@ -30,6 +31,7 @@ def scene_of(world: World) -> Scene:
     scene.bucket_x_m, scene.bucket_y_m = (
         size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)
     )
+    set_air(scene, world)
     return scene
 
 
@@ -42,14 +44,15 @@ def _rings(world: World, links: Links) -> Rings:
     rings.terms = Table(fits.terms.reshape(-1).tolist())
     rings.ranges = Table(fits.ranges.reshape(-1).tolist())
     rings.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
+    if links.radio.graded:
+        rings.sight = KINDS[links.radio.sight]
+        if links.radio.shadowing is not None:
+            rings.los_shadow_db, rings.nlos_shadow_db = map(float, links.radio.shadowing)
     return rings
 
 
-def sky_of(world: World, crossings: int) -> Sky:
-    """Return the sky of an environment, whose legs are still to be written.
-
-    It has memory for this many ``crossings``, which are the changes on a leg.
-    """
+def sky_of(world: World, room: Room) -> Sky:
+    """Return the sky of an environment, whose legs are still to be written."""
     sky: Any = blank(Sky)
     users, senders = (
         len(world.homes),
@@ -61,13 +64,17 @@ def sky_of(world: World, crossings: int) -> Sky:
     nx, ny = bucket_grid(*world.area, world.reach_m)
     sky.heads = np.zeros(nx * ny, np.int64)
     sky.following = np.zeros(users if nx * ny else 0, np.int64)
-    sky.changes = np.zeros((crossings, Change.words), np.int64)
+    crossings = room.changes
+    tables = senders if world.links[0].radio.reuse > 0 else 1
+    sky.changes = np.zeros((crossings * tables, Change.words), np.int64)
     if world.graded:
         sky.found = np.zeros((crossings, Change.words), np.int64)
         sky.order = np.zeros(crossings, np.int64)
         sky.windows = _windows(world).reshape(-1)
     if world.scenario.separation_m is not None:
         _set_pairs(sky, world)
+    set_memory(sky.air, world)
+    set_room(sky.air, world, room)
     made: Sky = sky
     return made
 
@@ -78,13 +85,35 @@ def _windows(world: World) -> NDArray[np.float64]:
     return max((windows_for(world, each) for each in fits), key=len)
 
 
-def enlarged(sky: Sky, world: World, crossings: int) -> Sky:
-    """Return a larger sky in memory with the same legs (see ``sky_of``)."""
-    made, old = in_memory(sky_of(world, crossings)), array_in(sky)
-    numbers = sum(Leg.words + Piece.words * len(leg.pieces) for leg in sky.legs)
-    legs = slice(Sky.words, Sky.words + numbers)  # the first table
-    array_in(made)[legs] = old[legs]
+def enlarged(sky: Sky, world: World, room: Room) -> Sky:
+    """Return a sky in memory with more room (see ``sky_of``), and all that the old one knows."""
+    made, had, rows = in_memory(sky_of(world, room)), sky.air.mark_rows, room.marks
+    _copy(sky, made, Sky)
+    if world.marked:
+        made.air.mark_rows = rows
+        marks: Any = made.air.marks
+        marks[:] = 0.0
+        old: Any = sky.air.marks
+        marks.reshape(-1, rows, MARK_COLUMNS)[:, :had] = old.reshape(-1, had, MARK_COLUMNS)
+        begins: Any = made.air.marks_at
+        moved = np.arange(len(sky.legs)) * (rows - had)
+        begins[:] += np.repeat(moved, len(begins) // len(moved))
     return made
+
+
+def _copy(one: Any, other: Any, kind: Any) -> None:
+    """Copy the numbers of a view of a row to another one, whose tables may be longer."""
+    for name, of in kind.kinds.items():
+        value = getattr(one, name)
+        if is_row(of):
+            _copy(value, getattr(other, name), of)
+        elif origin_of(of) is None:
+            setattr(other, name, value)
+        elif not isinstance(value, np.ndarray):  # rows
+            for own, its in zip(value, getattr(other, name), strict=False):
+                _copy(own, its, held_by(of))
+        else:
+            getattr(other, name)[: len(value)] = value
 
 
 def _set_pairs(sky: Sky, world: World) -> None:

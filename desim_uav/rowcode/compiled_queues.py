@@ -62,18 +62,18 @@ def _pop(line: Any) -> Any:
 
 
 @overload_method(Line, "take")
-def _take(line: Any, entries: Any, count: Any) -> Any:
+def _take(line: Any, entries: Any, first: Any, count: Any) -> Any:
     width = width_of(line.of)
 
-    def take(line: Any, entries: Any, count: Any) -> None:
+    def take(line: Any, entries: Any, first: Any, count: Any) -> None:
         if count > word(line, 2):
             set_word(line, 3, 1)
             count = word(line, 2)
         set_word(line, 1, count)
-        ours, theirs = as_array(line, (count, width)), as_array(entries, (count, width))
+        ours, theirs = as_array(line, (count, width)), as_array(entries, (first + count, width))
         for k in range(count):
             for column in range(width):
-                ours[k, column] = theirs[k, column]
+                ours[k, column] = theirs[first + k, column]
 
     return take
 

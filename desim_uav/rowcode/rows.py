@@ -71,9 +71,10 @@ class Queue(list[T], Generic[T]):
         self.append(one)
         return one
 
-    def take(self, entries: Any, count: int) -> None:
-        """Replace all entries by the first ones of a table of a view, whose rows are of numbers."""
-        self[:] = map(named(self.of)._make, entries.array[:count].tolist())
+    def take(self, entries: Any, first: int, count: int) -> None:
+        """Replace all entries by some of a table of a view, whose rows are of numbers."""
+        taken = entries.array[first : first + count].tolist()
+        self[:] = map(named(self.of)._make, taken)
 
 
 class BoundedTable(Table[T]):
@@ -397,12 +398,6 @@ class View:
         self._kept: dict[str, Any] = {}
 
 
-def array_in(one: Any) -> Words:
-    """Return the block of memory in which the row of a view is."""
-    block: Words = one._block
-    return block
-
-
 def in_memory(one: R) -> R:
     """Return a copy of a row in a block of memory of its own, as a view of it."""
     made: Any = View(packed(one), type(one))
@@ -434,10 +429,11 @@ def _field(cls: type[Row], name: str) -> property:
             return block.item(place)
         if kind is float:
             return _floats_of(view).item(place)
-        if is_row(kind):
-            return View(block, kind, place)
         if name in view._kept:
             return view._kept[name]
+        if is_row(kind):
+            view._kept[name] = inner = View(block, kind, place)
+            return inner
         of = held_by(kind)
         entries: Any = array_of(block, cls, name, view._at)
         if is_row(of):

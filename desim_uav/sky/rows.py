@@ -35,6 +35,8 @@ class TransitRow(Row):
 class Rings(Row):
     """Where the links of a radio have their classes, while nothing interferes.
 
+    ``sight`` is the kind of line of sight (``model.radio.marks``), and ``los_shadow_db`` and
+    ``nlos_shadow_db`` are the standard deviations of the shadowing.
     ``radii_m`` has the radii of all classes from 1 on, by level and then by the groups into which
     users fall by their heights; an access point has one level. ``terms`` to ``bounds_m`` are the
     fits between levels, with so many ``slabs`` between two of them (``model.radio.fits.Fits``), or
@@ -43,6 +45,9 @@ class Rings(Row):
 
     classes: int
     levels: int
+    sight: int
+    los_shadow_db: float
+    nlos_shadow_db: float
     radii_m: Table[float]
     slabs: int
     terms: Table[float]
@@ -55,7 +60,12 @@ class Scene(Row):
     """What does not change in a run: transits, rings, users' heights, and a least distance.
 
     ``transits`` are those of ``rules.rows.Constants``, and ``rings`` those of its ``radios``.
-    ``groups`` are those of the users by height. Users are sorted by place into buckets.
+    ``groups`` are those of the users by height. Users are sorted by place into buckets. What
+    ``model.radio.air`` needs to know is from ``heights_m`` (those of users) to ``profiles_at``:
+    the thresholds of all radios, of which radio r has those from ``thresholds_at[r]`` on, and the
+    ``profiles`` of all transits. The buildings that block lines of sight are from ``corners_m`` to
+    ``tallest_m`` (see ``model.radio.sight.Buildings``): building b has the corners from
+    ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]`` on.
     """
 
     separation_m: float
@@ -66,6 +76,21 @@ class Scene(Row):
     transits: Table[TransitRow]
     rings: Table[Rings]
     groups: Table[int]
+    heights_m: Table[float]
+    thresholds_db: Table[float]
+    thresholds_at: Table[int]
+    profiles: Table[float]
+    profiles_at: Table[int]
+    nx: int
+    ny: int
+    cell_x_m: float
+    cell_y_m: float
+    corners_m: Table[float]
+    corners_at: Table[int]
+    roofs_m: Table[float]
+    built_at: Table[int]
+    built: Table[int]
+    tallest_m: float
 
 
 @row
@@ -115,6 +140,49 @@ class Turn(Row):
 
 
 @row
+class AirTables(Row):
+    """What ``model.radio.air`` knows of drones, and the memory in which it works.
+
+    For ``ways`` (places) to ``looks`` see ``model.radio.scene.Air``. ``chances`` are the addresses
+    of the radios' probabilities of line of sight. ``sought`` says whether changes of a sender are
+    sought. ``held`` are the classes of the links to each sender before a span, ``found`` says where
+    their changes are written (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a
+    pair of levels. ``marks`` has ``mark_rows`` rows for each sender; ``marks_lost`` says that they
+    were too few, or the memory in which marks are made (``model.radio.marks.Memory``), from
+    ``flown`` (tracks) to ``visited``. In free flight, ``pieces`` has ``Scene.profiles`` and then
+    the profile of each sender, of four rows, which drones in free flight use.
+    """
+
+    ways: Table[float]
+    senders: Table[int]
+    losses: Table[int]
+    radios: Table[float]
+    marks: Table[float]
+    marks_at: Table[int]
+    tracks: Table[float]
+    table: Table[float]
+    bound_db: Table[float]
+    link_words: Table[int]
+    looks: Table[float]
+    chances: Table[int]
+    sought: Table[int]
+    held: Table[int]
+    found: Table[int]
+    passed: Table[int]
+    mark_rows: int
+    marks_lost: int
+    flown: Table[float]
+    borders_s: Table[float]
+    visits: Table[float]
+    seen: Table[int]
+    times: Table[float]
+    stretches: Table[float]
+    visited: Table[int]
+    pieces: Table[float]
+    pieces_at: Table[int]
+
+
+@row
 class Sky(Row):
     """The legs of senders, by their index, and what is found of them.
 
@@ -123,7 +191,7 @@ class Sky(Row):
     moves farther than ``far_m`` along an axis. ``changes`` are those on a leg. ``windows``,
     ``found`` and ``order`` are memory if links have classes. ``tracks`` is memory for the tracks of
     two legs (``model.radio.tracks``), and ``turns`` are those of a pair of drones. Both are empty
-    if drones need not keep a distance.
+    if drones need not keep a distance. ``air`` is for links whose changes are not those of rings.
     """
 
     legs: Table[Leg]
@@ -139,3 +207,4 @@ class Sky(Row):
     order: Table[int]
     tracks: Table[float]
     turns: Table[Turn]
+    air: AirTables

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.engine.des import Simulation, simulation
+from desim_uav.engine.des import Simulation, skies
 from desim_uav.sample_path import draw
 from desim_uav.world import World
 from tests.engine.helpers import path_of, strip
@@ -23,7 +23,7 @@ def crowded(**changes: Any) -> World:
 
 def played(world: World, path: Any, room: int, monkeypatch: Any) -> tuple[Any, int]:
     """The events of an episode, and for how many changes on a leg there is memory after it."""
-    monkeypatch.setattr(simulation, "CHANGES", room)
+    monkeypatch.setattr(skies, "CHANGES", room)
     engine = Simulation(world, RunSettings((True,), False, keep_events=True))
     rng = np.random.default_rng(0)
     right = [action.name for action in world.actions].index("RIGHT") if not world.free else -1

@@ -518,16 +518,16 @@ def addresses_at(at: int) -> tuple[int, int]:
 @numba.njit(**OPTIONS)
 def take(at: int, count: int) -> int:
     here = shelf_at(at)
-    here.returned.take(here.books, count)
+    here.returned.take(here.books, 1, count)
     return here.returned.overrun
 
 
 @pytest.mark.parametrize(("count", "overruns"), [(0, 0), (2, 0), (ROOM + 1, 1)])
 def test_a_queue_takes_entries_of_a_table(count: int, overruns: int):
     made = shelf()
-    made.books = Table(fill(Book, (100 + k, 0.5 * k)) for k in range(ROOM + 1))
+    made.books = Table(fill(Book, (100 + k, 0.5 * k)) for k in range(ROOM + 2))
     of_machine_code, in_python = in_memory(made), made.returned
-    in_python.take(of_machine_code.books, count)
+    in_python.take(of_machine_code.books, 1, count)
     assert take(address(of_machine_code), count) == overruns
     taken = [(book.pages, book.weight) for book in of_machine_code.returned]
     assert taken == [(book.pages, book.weight) for book in in_python][:ROOM]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP
 from desim_uav.engine.compiled import free, loop
-from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.model.decisions import discount_of
 from desim_uav.model.geometry.coverage import leg_at, walked
@@ -26,10 +25,10 @@ from desim_uav.rowcode.compiled_rows import (
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule
 from desim_uav.rules import requests
 from desim_uav.rules.due import due, nothing_due
-from desim_uav.rules.rows import Constants, Drone, Path, State, User
+from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.walks import know_walks, look_anew
 from desim_uav.rules.whole_state import write_state
-from desim_uav.sky import separation
+from desim_uav.sky import links, separation
 from desim_uav.sky.foresee import foresee_discs, foresee_rings
 
 Ints = NDArray[np.int64]
@@ -50,12 +49,12 @@ def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
     compiled only for them: changes of links with classes (``graded``), those that are not of rings
     (``in_air``), free flight, and distances of drones.
     """
-    leg, pair = (Constants, Path, State, Drone, int), (Constants, Path, State, User)
     constants.foresee = address_of(foresee_rings if graded else foresee_discs, *[int] * 8)
     if in_air:
-        constants.foresee_in_air = address_of(sought.foresee_in_air, *leg)
-        constants.foresee_all = address_of(sought.foresee_all, *leg[:3], int)
-        constants.passes_us = address_of(sought.passes_us, *pair, int, int, int, float)
+        constants.foresee_in_air = address_of(links.foresee_in_air, *[int] * 8)
+        constants.foresee_all = address_of(links.foresee_all, *[int] * 7)
+        constants.better_us = address_of(links.better_us, *[int] * 11, float)
+        constants.mark = address_of(links.mark, *[int] * 11)
     if len(constants.spaces) > 0:
         free.set_free(constants)
     if constants.separation_m > 0.0:

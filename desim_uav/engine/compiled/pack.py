@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from desim_uav.copies import Unchanging, owned
-from desim_uav.engine.air import Room, set_air, set_memory, set_room
+from desim_uav.engine.air import Room
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
@@ -133,7 +133,6 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
     if problems:
         raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
     constants: Any = constants_of(world, settings)
-    set_air(constants, world)
     constants.scene = scene_of(world)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
@@ -190,9 +189,9 @@ STRETCHES = 64
 
 
 def room_for(users: int, buffers: Buffers, legs: int) -> Room:
-    """Return how much memory there is for marks, which grows with the buffers for crossings."""
+    """Return how much memory there is, which grows with the buffers for crossings."""
     crossings = buffers.crossings
-    return Room(2 * users + 4 * crossings, legs + crossings, STRETCHES + crossings // 4)
+    return Room(crossings, 2 * users + 4 * crossings, legs + crossings, STRETCHES + crossings // 4)
 
 
 def forget_packed() -> None:
@@ -214,9 +213,7 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
     state.winners = tournaments(count, crossing_slot(state, 0), len(state.senders))
     state.before = _whole(1 + sum(begun_words(drones, len(state.stations))))
     look = state.look
-    set_memory(look.air, world)
-    set_room(look.air, world, room_for(users, buffers, legs))
-    state.sky = sky_of(world, buffers.crossings)
+    state.sky = sky_of(world, room_for(users, buffers, legs))
     if world.row_mobility:
         model: Any = type(world.row_mobility)
         look.walking = walking = blank(walking_of(model))

@@ -7,25 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.engine.air import set_air
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
 from desim_uav.engine.des.free import set_free
-from desim_uav.engine.des.in_air import InAir, last_first
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import own_over_rows, set_components
 from desim_uav.engine.des.processes import Processes
+from desim_uav.engine.des.skies import Skies
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
-from desim_uav.engine.sky import enlarged, scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.demand.asking import Requests
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.rowcode.rows import Table, address, blank, bound, fill, in_memory
-from desim_uav.rules.air import keeps_rings
-from desim_uav.rules.classes import foresee_rings as change_by_rings
+from desim_uav.rowcode.rows import Table, blank, bound, fill
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
 from desim_uav.rules.rows import Ask, Constants, Path, State
@@ -33,13 +29,8 @@ from desim_uav.rules.settle import settle
 from desim_uav.rules.walks import look_anew
 from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN
 from desim_uav.sample_path import SamplePath
-from desim_uav.sky.foresee import foresee_discs, foresee_rings
-from desim_uav.sky.separation import least_m, meet
 from desim_uav.typed import typed
 from desim_uav.world import World
-
-CHANGES = 256
-"""How many changes on a leg there is memory for at first."""
 
 
 class LiveState(State):
@@ -77,14 +68,10 @@ class Simulation(Engine):
         self.audit = audit
         self._before: Carried | None = None
         self.transits = transits_of(world)
-        self._bounds = own_over_rows(world)
+        self._bounds, self._skies = own_over_rows(world), Skies(world)
         self.constants = self._constants()
         self.state = self._state()
         self.drones = self.state.drones
-        self._in_air: InAir | None = None
-        if world.in_air:
-            self._in_air = InAir(world, self.constants, self.state)
-            self.constants.passes_us = self._in_air.passes_us
         self._asks: tuple[Requests | None, Table[Any]] = (None, Table())
         self.clock = Clock(0)
 
@@ -97,13 +84,9 @@ class Simulation(Engine):
         """Return the constants, with plans and functions."""
         world = self.world
         made: Any = constants_of(world, self.settings)
-        set_air(made, world)
         made.plans = Plans(world.planners, world.grid)
         made.hops = made.plans.hops
-        made.foresee, made.foresee_in_air = self._foresee, self._foresee_in_air
-        made.foresee_all = self._foresee_all
-        made.scene = in_memory(scene_of(world))
-        made.meet, made.least_m = meet, least_m
+        self._skies.set_functions(made, lambda: self.state)
         set_components(made, world)
         if world.free:
             set_free(made, world)
@@ -116,7 +99,7 @@ class Simulation(Engine):
         state.keeps_requests = 1
         state.named_terms, state.observed = (), self.observations
         state.find_users = self._find_users
-        state.sky = in_memory(sky_of(self.world, CHANGES))
+        state.sky = self._skies.first()
         return state
 
     # ---- episodes
@@ -141,8 +124,7 @@ class Simulation(Engine):
     def _follow(self, path: SamplePath) -> None:
         """Make a sample path the one of the present episode."""
         self.drawn, self.own_path = path, self._path(path)
-        if self._in_air is not None:
-            self._in_air.begin(path.walks, path.link_key)
+        self._skies.begin(self.state, path.walks)
 
     def _start_clock(self, now_us: int) -> None:
         """Make a new event queue, in which nothing is scheduled yet."""
@@ -216,34 +198,6 @@ class Simulation(Engine):
             self.state.now_us = int(self.clock.now)
             self.audit(self)
 
-    def _foresee(self, scene: int, sky: int, *others: int) -> int:
-        """Let the sky foresee the changes on a leg, in more memory if there was too little."""
-        foresee: Any = foresee_rings if self.world.graded else foresee_discs
-        count: int = foresee(scene, sky, *others)
-        while count > len(self.state.sky.changes):
-            self.state.sky = enlarged(self.state.sky, self.world, 2 * count)
-            count = foresee(scene, address(self.state.sky), *others)
-        return count
-
-    def _foresee_in_air(self, world: Any, path: Any, state: Any, drone: Any, span_us: int) -> None:
-        """Write the changes on a leg to ``drone.ahead`` that are not those of rings."""
-        assert self._in_air is not None
-        rows = self._in_air.changes(drone, (state.now_us, state.now_us + span_us))
-        drone.ahead[:] = last_first(rows)
-
-    def _foresee_all(self, world: Any, path: Any, state: Any, span_us: int) -> None:
-        """Write the changes of all drones that serve and may interfere to their ``ahead``."""
-        assert self._in_air is not None
-        sought = []
-        for drone in state.senders:
-            if drone.serving and keeps_rings(world, drone):
-                change_by_rings(world, path, state, drone, span_us)
-            elif drone.serving:
-                sought.append(drone)
-        found = self._in_air.changes_of_all(sought, (state.now_us, state.now_us + span_us))
-        for drone, rows in zip(sought, found, strict=True):
-            drone.ahead[:] = last_first(rows)
-
     def _find_users(self) -> None:
         """Write the places at which the users are now into the state (see ``rules.spots``)."""
         places = all_walked(*self.drawn.walks, int(self.state.now_us)).tolist()
@@ -259,6 +213,7 @@ class Simulation(Engine):
         made.asks, made.asks_at = self._asks[1], Table(requests.offsets.tolist())
         made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1)
         made.legs_at = np.ascontiguousarray(walks.offsets, np.int64)
+        made.link_key = np.ascontiguousarray(path.link_key).view(np.int64)
         made.after_previous = int(requests.after_previous)
         made.respawns = Table(path.respawn.reshape(-1).tolist())
         made.respawns_drawn = path.respawn.shape[1]

@@ -20,12 +20,11 @@ from desim_uav.rules.rows.flights import (
 )
 from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.sample_path import Ask, Path
-from desim_uav.rules.rows.state import AirTables, Look, State, Wide
+from desim_uav.rules.rows.state import Look, State, Wide
 from desim_uav.rules.rows.users import Request, Spot, User
 from desim_uav.sky.rows import Change, Piece, TransitRow
 
 __all__ = [
-    "AirTables",
     "Ask",
     "Cell",
     "Change",

@@ -13,11 +13,9 @@ class Radio(Row):
 
     ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
     link of each class carries per hertz, class 0 (none) first. If it is ``flat``, the radii of its
-    classes (``Scene.rings``) are the same on all levels. If links are ``marked``, ``sight`` is the
-    kind of line of sight (``model.radio.marks``), and ``los_shadow_db`` and ``nlos_shadow_db`` are
-    the standard deviations of the shadowing. The fields from ``divide`` on are functions, or in
-    compiled code their addresses; ``sharing_values`` and ``loss_values`` are the addresses of the
-    components' fields.
+    classes (``Scene.rings``) are the same on all levels. Its links may be ``marked``
+    (``model.radio.marks``). The fields from ``divide`` on are functions, or in compiled code their
+    addresses; ``sharing_values`` and ``loss_values`` are the addresses of the components' fields.
     """
 
     bandwidth_hz: int
@@ -28,9 +26,6 @@ class Radio(Row):
     power_dbm: float
     noise_dbm: float
     marked: int
-    sight: int
-    los_shadow_db: float
-    nlos_shadow_db: float
     sharing_values: int
     loss_values: int
     divide: int
@@ -96,20 +91,14 @@ class Constants(Row):
     requests ask for a volume instead of a time, and ``elastic`` that they share what bandwidth is
     left. ``expected_requests`` is the number of requests of an episode if all are served at once
     (see ``scenario.cost``). Senders of the same index modulo ``reuse`` interfere (0: none do).
-    ``in_air`` says that changes of class are not always those of rings. What ``model.radio.air``
-    needs to know is from ``thresholds_db`` to ``profiles_at``: the thresholds of all radios, of
-    which radio r has those from ``thresholds_at[r]`` on, the heights of users (``heights_m``), and
-    the ``profiles`` of all transits. The buildings that block lines of sight are from ``corners_m``
-    to ``tallest_m`` (see ``model.radio.sight.Buildings``): building b has the corners from
-    ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]`` on. For
-    ``trigger_us`` and ``margin_db`` see ``rules.association``. ``known`` holds changes of users who
-    stand still (``rules.standing``). Drones are too near to each other below a distance of
-    ``separation_m`` (0: they have not to keep any); one ``gives_way`` to those with lower indices.
-    ``features`` is the number of features that a learner observes, and ``gamma`` its discount of a
-    step. If drones fly freely, ``spaces`` has an entry for each type; only those of free ones are
-    used. ``scene`` is for the kernels of the sky. The fields from ``foresee`` on are functions, or
-    in compiled code their addresses; ``reward_values`` and the like are the addresses of the
-    components' fields.
+    ``in_air`` says that changes of class are not always those of rings. For ``trigger_us`` and
+    ``margin_db`` see ``rules.association``. ``known`` holds changes of users who stand still
+    (``rules.standing``). Drones are too near to each other below a distance of ``separation_m`` (0:
+    they have not to keep any); one ``gives_way`` to those with lower indices. ``features`` is the
+    number of features that a learner observes, and ``gamma`` its discount of a step. If drones fly
+    freely, ``spaces`` has an entry for each type; only those of free ones are used. ``scene`` is
+    for the kernels of the sky. The fields from ``foresee`` on are functions, or in compiled code
+    their addresses; ``reward_values`` and the like are the addresses of the components' fields.
     """
 
     steps: int
@@ -154,17 +143,6 @@ class Constants(Row):
     homes: Table[Place]
     radios: Table[Radio]
     points: Table[Point]
-    thresholds_db: Table[float]
-    thresholds_at: Table[int]
-    heights_m: Table[float]
-    profiles: Table[float]
-    profiles_at: Table[int]
-    corners_m: Table[float]
-    corners_at: Table[int]
-    roofs_m: Table[float]
-    built_at: Table[int]
-    built: Table[int]
-    tallest_m: float
     in_bits: Table[int]
     elastic: Table[int]
     expected_requests: float
@@ -180,7 +158,8 @@ class Constants(Row):
     foresee: int
     foresee_in_air: int
     foresee_all: int
-    passes_us: int
+    better_us: int
+    mark: int
     meet: int
     least_m: int
     pay: int

@@ -11,48 +11,8 @@ from desim_uav.sky.rows import Sky
 
 
 @row
-class AirTables(Row):
-    """What ``model.radio.air`` knows of drones, and the memory in which it works.
-
-    For ``ways`` (places) to ``looks`` see ``model.radio.scene.Air``. ``held`` are the classes of
-    the links to each sender before a span, ``found`` says where their changes are written
-    (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a pair of levels. ``marks``
-    has ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the
-    memory in which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to
-    ``visited``. In free flight, ``pieces`` has ``Constants.profiles`` and then the profile of each
-    sender, of four rows, which drones in free flight use.
-    """
-
-    ways: Table[float]
-    senders: Table[int]
-    losses: Table[int]
-    radios: Table[float]
-    marks: Table[float]
-    marks_at: Table[int]
-    tracks: Table[float]
-    table: Table[float]
-    bound_db: Table[float]
-    link_words: Table[int]
-    looks: Table[float]
-    held: Table[int]
-    found: Table[int]
-    passed: Table[int]
-    mark_rows: int
-    marks_lost: int
-    flown: Table[float]
-    borders_s: Table[float]
-    visits: Table[float]
-    seen: Table[int]
-    times: Table[float]
-    stretches: Table[float]
-    visited: Table[int]
-    pieces: Table[float]
-    pieces_at: Table[int]
-
-
-@row
 class Look(Row):
-    """The users' walks in the present span of time, and memory for links in the air.
+    """The users' walks in the present span of time.
 
     If users walk step by step, their walks are known until ``walked_us``. They ``stand`` if they
     are at home, and do not walk (see ``rules.standing``).
@@ -61,7 +21,6 @@ class Look(Row):
     walked_us: int
     stand: int
     walking: Walking
-    air: AirTables
 
 
 @row
