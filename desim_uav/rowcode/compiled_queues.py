@@ -10,6 +10,7 @@ from desim_uav.rowcode.bounds import INSERT, POP, REMOVE
 from desim_uav.rowcode.compiled_rows import (
     Line,
     as_array,
+    place_of,
     requiring,
     set_spare,
     set_word,
@@ -59,6 +60,25 @@ def _pop(line: Any) -> Any:
         return spare(line, last)
 
     return pop
+
+
+@overload_method(Line, "space")
+def _space(line: Any, entries: Any) -> Any:
+    def space(line: Any, entries: Any) -> Any:
+        return place_of(line), word(line, 2)
+
+    return space
+
+
+@overload_method(Line, "fill")
+def _fill(line: Any, entries: Any, count: Any) -> Any:
+    def fill(line: Any, entries: Any, count: Any) -> None:
+        if count > word(line, 2):
+            set_word(line, 3, 1)
+            count = word(line, 2)
+        set_word(line, 1, count)
+
+    return fill
 
 
 @overload_method(Line, "take")

@@ -71,6 +71,18 @@ class Queue(list[T], Generic[T]):
         self.append(one)
         return one
 
+    def space(self, entries: Any) -> tuple[int, int]:
+        """Return the address of memory for new entries, and how many fit.
+
+        In compiled code it is that of this queue; in Python that of a table of a view. ``fill``
+        then says how many entries are there.
+        """
+        return place(entries.array), len(entries)
+
+    def fill(self, entries: Any, count: int) -> None:
+        """Replace all entries by the first ones in the memory that ``space`` has returned."""
+        self.take(entries, 0, count)
+
     def take(self, entries: Any, first: int, count: int) -> None:
         """Replace all entries by some of a table of a view, whose rows are of numbers."""
         taken = entries.array[first : first + count].tolist()

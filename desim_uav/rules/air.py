@@ -204,9 +204,10 @@ def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, spa
         return
     mark_all(world, path, state, drone, end_us)
     note_classes(state, drone)
-    places = address(world.scene), address(state.sky), *walks_of(path, state)
-    count = call_for_int(world.foresee_in_air, (*places, drone.index, state.now_us, end_us))
-    drone.ahead.take(state.sky.changes, 0, count)
+    places = address(world.scene), address(state.sky), *drone.ahead.space(state.sky.changes)
+    of_leg = *walks_of(path, state), drone.index, state.now_us, end_us
+    count = call_for_int(world.foresee_in_air, (*places, *of_leg))
+    drone.ahead.fill(state.sky.changes, count)
 
 
 @rare_rule

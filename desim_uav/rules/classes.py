@@ -62,10 +62,10 @@ def foresee_rings(world: Constants, path: Path, state: State, drone: Drone, span
         ahead.clear()
         return
     show_leg(world, state, drone)
-    places = address(world.scene), address(state.sky), *walks_of(path, state)
+    scene, sky, space = address(world.scene), address(state.sky), ahead.space(state.sky.changes)
     of_leg = drone.index, began_us(state, drone), until_us
-    count = call_for_int(world.foresee, (*places, *of_leg))
-    ahead.take(state.sky.changes, 0, count)
+    count = call_for_int(world.foresee, (scene, sky, *space, *walks_of(path, state), *of_leg))
+    ahead.fill(state.sky.changes, count)
 
 
 @rare_rule

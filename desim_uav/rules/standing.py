@@ -37,11 +37,9 @@ def recall(world: Constants, state: State, drone: Drone) -> None:
     leg = world.types[drone.type].first_known + (drone.x * world.ny + drone.y) * 5 + course
     first, ahead = world.known_at[leg], drone.ahead
     count = world.known_at[leg + 1] - first
-    ahead.clear()
-    for k in range(count):
-        known, change = world.known[first + k], ahead.added()
-        change.t_us = state.now_us + known.t_us
-        change.user, change.change = known.user, known.change
+    ahead.take(world.known, first, count)
+    for k in range(len(ahead)):
+        ahead[k].t_us += state.now_us
 
 
 @rule

@@ -33,6 +33,8 @@ floats_at, ints_at = entries_at(float), entries_at(int)
 def foresee_discs(
     scene: int,
     sky: int,
+    out: int,
+    room: int,
     walks: int,
     numbers: int,
     begins: int,
@@ -40,8 +42,9 @@ def foresee_discs(
     start_us: int,
     until_us: int,
 ) -> int:
-    """Write all changes on a leg to ``Sky.changes``, if each footprint is one circle for all users.
+    """Write all changes on a leg to ``out``, if each footprint is one circle for all users.
 
+    ``out`` is the address of memory for a number of changes, ``room``.
     The users' legs (``model.geometry.coverage``) are so many ``numbers`` at the address ``walks``,
     and their offsets are at ``begins``. The sender's leg begins at ``start_us`` and lasts until
     ``until_us``. The last change is the first: by
@@ -51,9 +54,9 @@ def foresee_discs(
     at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
     users = _users_of(at, own, walks, numbers, begins)
     _look(at, own, users, span)
-    count = _cross_disc(at, own, users, own.legs[sender], span)
-    kept = min(count, len(own.changes))
-    sort_last_first(as_array(own.changes, (kept, CHANGE_COLUMNS)))
+    changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
+    count = _cross_disc(at, own, users, own.legs[sender], span, changes)
+    sort_last_first(changes[: min(count, room)])
     return count
 
 
@@ -61,6 +64,8 @@ def foresee_discs(
 def foresee_rings(
     scene: int,
     sky: int,
+    out: int,
+    room: int,
     walks: int,
     numbers: int,
     begins: int,
@@ -68,7 +73,7 @@ def foresee_rings(
     start_us: int,
     until_us: int,
 ) -> int:
-    """Write all changes on a leg to ``Sky.changes``, and return their number.
+    """Write all changes on a leg to ``out``, and return their number.
 
     This is what ``foresee_discs`` does, where links have several classes, or classes are those of
     one height only.
@@ -77,17 +82,17 @@ def foresee_rings(
     leg, span = own.legs[sender], (start_us, until_us)
     rings, users = at.rings[leg.radio], _users_of(at, own, walks, numbers, begins)
     _look(at, own, users, span)
+    changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
     if not _is_between(rings, leg) and _is_disc(rings, leg):
-        count = _cross_disc(at, own, users, leg, span)
+        count = _cross_disc(at, own, users, leg, span, changes)
     else:
-        count = _cross_rings(at, own, users, leg, span)
-    kept = min(count, len(own.changes))
-    rows = as_array(own.changes, (kept, CHANGE_COLUMNS))
+        count = _cross_rings(at, own, users, leg, span, changes)
+    kept = min(count, room)
     if rings.classes == 1:
-        sort_last_first(rows)
+        sort_last_first(changes[:kept])
     else:
         found = as_array(own.found, (kept, CHANGE_COLUMNS))
-        spread_last_first(found, as_array(own.order, (kept,)), rows)
+        spread_last_first(found, as_array(own.order, (kept,)), changes[:kept])
     return count
 
 
@@ -102,9 +107,10 @@ def _look(scene: Scene, sky: Sky, users: Users, span_us: tuple[int, int]) -> Non
 
 
 @rule
-def _cross_disc(scene: Scene, sky: Sky, users: Users, leg: Leg, span_us: tuple[int, int]) -> int:
-    """Write the entries and exits on a leg to ``Sky.changes``, and return their number."""
-    out = as_array(sky.changes, (len(sky.changes), CHANGE_COLUMNS))
+def _cross_disc(
+    scene: Scene, sky: Sky, users: Users, leg: Leg, span_us: tuple[int, int], out: Any
+) -> int:
+    """Write the entries and exits on a leg, and return their number."""
     rings = scene.rings[leg.radio]
     flown = _flown(scene, leg, span_us, rings.radii_m[leg.level * _circles(rings)])
     if len(sky.heads) > 0:
@@ -113,10 +119,12 @@ def _cross_disc(scene: Scene, sky: Sky, users: Users, leg: Leg, span_us: tuple[i
 
 
 @rare_rule
-def _cross_rings(scene: Scene, sky: Sky, users: Users, leg: Leg, span_us: tuple[int, int]) -> int:
+def _cross_rings(
+    scene: Scene, sky: Sky, users: Users, leg: Leg, span_us: tuple[int, int], changes: Any
+) -> int:
     """Write the changes of class on a leg, and return their number.
 
-    They are written to ``Sky.found`` if links have several classes, and else to ``Sky.changes``.
+    They are written to ``Sky.found`` if links have several classes, and else to ``changes``.
     """
     rings = scene.rings[leg.radio]
     of_users, levels = as_array(scene.groups, (len(scene.groups),)), rings.levels
@@ -124,7 +132,7 @@ def _cross_rings(scene: Scene, sky: Sky, users: Users, leg: Leg, span_us: tuple[
     radii_m = as_array(rings.radii_m, (levels, groups, rings.classes))
     own_m = radii_m[leg.level]
     flown = _flown(scene, leg, span_us, own_m[0, 0])
-    out = as_array(sky.changes, (len(sky.changes), CHANGE_COLUMNS))
+    out = changes
     if rings.classes > 1:
         out = as_array(sky.found, (len(sky.found), CHANGE_COLUMNS))
     if _is_between(rings, leg):

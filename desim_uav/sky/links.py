@@ -58,6 +58,8 @@ floats_at, ints_at = entries_at(float), entries_at(int)
 def foresee_in_air(
     scene: int,
     sky: int,
+    out: int,
+    room: int,
     walks: int,
     numbers: int,
     begins: int,
@@ -65,18 +67,18 @@ def foresee_in_air(
     start_us: int,
     until_us: int,
 ) -> int:
-    """Write all changes on a sender's leg to ``Sky.changes``, and return their number.
+    """Write all changes on a sender's leg to ``out``, and return their number.
 
     ``Sky.air`` must have the legs of all senders, the classes that the links have now, and all
     marks until then. For the rest see ``foresee.foresee_discs``.
     """
     at, own = scene_at(scene), sky_at(sky)
-    changes = as_array(own.changes, (len(own.changes), CHANGE_COLUMNS))
+    changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
     users = len(at.heights_m)
     held = as_array(own.air.held, (len(own.legs), users))[sender]
     air = _air_of(at, own, (walks, numbers, begins))
     count = class_changes_in_air(air, sender, (start_us, until_us), held, False, changes)
-    sort_last_first(changes[: min(count, len(changes))])
+    sort_last_first(changes[: min(count, room)])
     return count
 
 

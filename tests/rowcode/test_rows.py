@@ -533,6 +533,37 @@ def test_a_queue_takes_entries_of_a_table(count: int, overruns: int):
     assert taken == [(book.pages, book.weight) for book in in_python][:ROOM]
 
 
+ints_at = entries_at(int)
+
+
+@numba.njit(**OPTIONS)
+def fill_space(at: int, count: int) -> int:
+    here = shelf_at(at)
+    here.lent.clear()
+    space = here.lent.space(here.marks)
+    ints = ints_at(space[0], space[1])
+    for k in range(min(count, len(ints))):
+        ints[k] = k * k
+    here.lent.fill(here.marks, count)
+    return here.lent.overrun
+
+
+@pytest.mark.parametrize(("count", "overruns"), [(0, 0), (2, 0), (ROOM + 1, 1)])
+def test_a_queue_is_filled_in_its_own_memory(count: int, overruns: int):
+    of_machine_code: Any = in_memory(shelf())
+    assert fill_space(address(of_machine_code), count) == overruns
+    assert of_machine_code.lent.tolist() == [k * k for k in range(min(count, ROOM))]
+
+
+def test_python_fills_a_queue_from_the_table_that_had_the_space():
+    table, queue = in_memory(shelf()).books, shelf().returned
+    at, room = queue.space(table)
+    assert room == len(table) == 3
+    assert at == table.array.ctypes.data
+    queue.fill(table, 2)
+    assert [book.pages for book in queue] == [100, 101]
+
+
 def test_the_address_of_a_row_is_the_same_in_python_and_compiled():
     copied: Any = in_memory(shelf())
     at, of_second = addresses(copied)

@@ -49,9 +49,9 @@ def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
     compiled only for them: changes of links with classes (``graded``), those that are not of rings
     (``in_air``), free flight, and distances of drones.
     """
-    constants.foresee = address_of(foresee_rings if graded else foresee_discs, *[int] * 8)
+    constants.foresee = address_of(foresee_rings if graded else foresee_discs, *[int] * 10)
     if in_air:
-        constants.foresee_in_air = address_of(links.foresee_in_air, *[int] * 8)
+        constants.foresee_in_air = address_of(links.foresee_in_air, *[int] * 10)
         constants.foresee_all = address_of(links.foresee_all, *[int] * 7)
         constants.better_us = address_of(links.better_us, *[int] * 11, float)
         constants.mark = address_of(links.mark, *[int] * 11)

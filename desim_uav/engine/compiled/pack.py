@@ -214,6 +214,8 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
     state.before = _whole(1 + sum(begun_words(drones, len(state.stations))))
     look = state.look
     state.sky = sky_of(world, room_for(users, buffers, legs))
+    if world.links[0].radio.reuse == 0:
+        state.sky.changes = Table()  # kernels write to ``Drone.ahead``
     if world.row_mobility:
         model: Any = type(world.row_mobility)
         look.walking = walking = blank(walking_of(model))

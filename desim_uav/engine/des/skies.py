@@ -12,7 +12,7 @@ from desim_uav.engine.sky import enlarged, scene_of, sky_of
 from desim_uav.model.mobility.walking import Walks
 from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.marks import compiled_chance
-from desim_uav.rowcode.rows import address, in_memory
+from desim_uav.rowcode.rows import address, in_memory, place
 from desim_uav.sky import links
 from desim_uav.sky.foresee import foresee_discs, foresee_rings
 from desim_uav.sky.rows import Sky
@@ -52,7 +52,7 @@ class Skies:
         of_rings = foresee_rings if self.world.graded else foresee_discs
         constants.foresee = self._with_changes(of_rings, state)
         constants.foresee_in_air = self._with_changes(links.foresee_in_air, state)
-        constants.foresee_all = self._with_changes(links.foresee_all, state)
+        constants.foresee_all = self._with_all_changes(state)
         constants.mark = self._with_marks(state)
         for row, own in zip(constants.radios, self.world.links, strict=True):
             if own.in_air:
@@ -65,14 +65,29 @@ class Skies:
                     self._kept.append(chance)
 
     def _with_changes(self, kernel: Any, state: Callable[[], Any]) -> Callable[..., int]:
-        """Return a kernel that writes changes, and finds room for all of them."""
+        """Return a kernel that writes the changes of a leg, and finds room for all of them."""
+
+        def foresee(scene: int, sky: int, out: int, room: int, *others: int) -> int:
+            room = min(room, self._room.changes)  # the table may be that of all senders
+            count: int = kernel(scene, sky, out, room, *others)
+            while count > room:
+                self._enlarge(state(), self._room._replace(changes=2 * count))
+                changes = state().sky.changes
+                out, room = place(changes.array), self._room.changes
+                count = kernel(scene, address(state().sky), out, room, *others)
+            return count
+
+        return foresee
+
+    def _with_all_changes(self, state: Callable[[], Any]) -> Callable[..., int]:
+        """Return the kernel that writes the changes of all legs, and finds room for all of them."""
 
         def foresee(scene: int, sky: int, *others: int) -> int:
-            count: int = kernel(scene, sky, *others)
-            while count > self._room.changes:
-                self._enlarge(state(), self._room._replace(changes=2 * count))
-                count = kernel(scene, address(state().sky), *others)
-            return count
+            most: int = links.foresee_all(scene, sky, *others)
+            while most > self._room.changes:
+                self._enlarge(state(), self._room._replace(changes=2 * most))
+                most = links.foresee_all(scene, address(state().sky), *others)
+            return most
 
         return foresee
 
