@@ -36,6 +36,7 @@ COMPILED_ONLY = (
     "rowcode/compiled_rows.py",
     "rowcode/compiled_queues.py",
     "rowcode/compiled_registers.py",
+    "sky/",
     "model/radio/air.py",
     "model/radio/bounds.py",
     "model/radio/links.py",

@@ -53,18 +53,10 @@ class Mutation:
 MUTATIONS = (
     # ---- geometry and motion
     Mutation(
-        "a footprint 1 m too wide, SimPy engine",
-        "engine/des/crossings.py",
-        "        radii_m = self.radii_m[level]\n",
-        "        radii_m = self.radii_m[level] + 1\n",
-        ("engine/test_footprints.py",),
-    ),
-    Mutation(
-        "a footprint 1 mm too wide, compiled engine",
-        "engine/compiled/looking.py",
-        "rings[0, 0])\n    found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))\n    if in",
-        "rings[0, 0] + 1e-3)\n"
-        "    found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))\n    if in",
+        "a footprint 1 mm too wide",
+        "sky/foresee.py",
+        "rings.radii_m[leg.level * _circles(rings)])\n",
+        "rings.radii_m[leg.level * _circles(rings)] + 1e-3)\n",
         ("engine/test_footprints.py",),
     ),
     Mutation(
@@ -571,9 +563,9 @@ MUTATIONS = (
     ),
     Mutation(
         "separation: a drone at rest is where it is told to fly",
-        "rules/separation.py",
-        "return x0, y0, z0, x0, y0, z0",
-        "return x0, y0, z0, x1, y1, z1",
+        "rules/transits.py",
+        "leg.x1_m, leg.y1_m, leg.z1_m = leg.x0_m, leg.y0_m, leg.z0_m",
+        "leg.x0_m, leg.y0_m, leg.z0_m = leg.x0_m, leg.y0_m, leg.z0_m",
         ("engine/test_conflicts.py",),
     ),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate, chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,49 +23,44 @@ from desim_uav.model.radio.scene import (
 from desim_uav.model.radio.sight import Buildings, cells_as_prisms
 from desim_uav.rowcode.rows import Table
 from desim_uav.rules.air import PROFILE
-from desim_uav.rules.rows import Constants
+from desim_uav.sky.links import MOST_PASSED
+from desim_uav.sky.rows import Scene
 from desim_uav.world import Links, World
-
-MOST_PASSED = 64
-"""The most rows of a pair of levels that are kept; only the first of them counts."""
 
 
 class Room(NamedTuple):
-    """How much there is memory for: marks of a sender, legs of a walk, and blocked stretches.
+    """How much there is memory for: changes, marks of a sender, legs of a walk, and stretches.
 
-    The latter are the stretches of time in which buildings block one line of sight.
+    The changes are those on a leg. The stretches are those of time in which buildings block
+    one line of sight.
     """
 
+    changes: int
     marks: int
     legs: int
     stretches: int
 
 
-def set_air(made: Constants, world: World) -> None:
-    """Set the fields of the constants that ``model.radio.air`` needs, if the world needs it."""
-    tables: tuple[Table[Any], ...] = (Table(), Table(), Table())
+def set_air(scene: Scene, world: World) -> None:
+    """Set the fields of a scene that ``model.radio.air`` needs, if the world needs it."""
+    thresholds = [links.thresholds_db for links in world.links]
+    scene.thresholds_db = Table(chain.from_iterable(thresholds))
+    scene.thresholds_at = Table(accumulate(map(len, thresholds), initial=0))
     if world.in_air:
         profiles = [transit.profile for transit in transits_of(world)]
-        tables = (
-            Table(world.homes[:, 2].tolist()),
-            Table(np.concatenate(profiles).reshape(-1).tolist()),
-            Table(np.cumsum([0, *map(len, profiles)]).tolist()),
-        )
-    made.heights_m, made.profiles, made.profiles_at = tables
-    for row, links in zip(made.radios, world.links, strict=True):
-        fits = fits_between(world, links)
-        row.slabs = fits.terms.shape[3]
-        row.terms = Table(fits.terms.reshape(-1).tolist())
-        row.ranges = Table(fits.ranges.reshape(-1).tolist())
-        row.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
+        scene.heights_m = Table(world.homes[:, 2].tolist())
+        scene.profiles = Table(np.concatenate(profiles).reshape(-1).tolist())
+        scene.profiles_at = Table(np.cumsum([0, *map(len, profiles)]).tolist())
     if world.marked:
         buildings = buildings_of(world)
-        made.corners_m = Table(buildings.corners_m.reshape(-1).tolist())
-        made.corners_at = Table(buildings.offsets.tolist())
-        made.roofs_m = Table(buildings.roofs_m.tolist())
-        made.built_at = Table(buildings.heads.tolist())
-        made.built = Table(buildings.members.tolist())
-        made.tallest_m = buildings.tallest_m
+        scene.nx, scene.ny = world.grid.cells
+        scene.cell_x_m, scene.cell_y_m = world.grid.cell_m
+        scene.corners_m = Table(buildings.corners_m.reshape(-1).tolist())
+        scene.corners_at = Table(buildings.offsets.tolist())
+        scene.roofs_m = Table(buildings.roofs_m.tolist())
+        scene.built_at = Table(buildings.heads.tolist())
+        scene.built = Table(buildings.members.tolist())
+        scene.tallest_m = buildings.tallest_m
 
 
 def fits_between(world: World, links: Links) -> Fits:
@@ -107,6 +103,8 @@ def set_memory(tables: Any, world: World) -> None:
         tables.losses = np.zeros(len(world.links) * LOSS_COLUMNS, np.int64)
         tables.radios = np.zeros(len(world.links) * RADIO_COLUMNS)
         tables.held = np.zeros(senders * len(world.homes), np.int64)
+        tables.chances = np.zeros(len(world.links), np.int64)
+        tables.sought = np.zeros(senders, np.int64)
         tables.found = np.zeros(senders * FOUND_COLUMNS, np.int64)
         tables.passed = np.zeros(2 * MOST_PASSED, np.int64)
         if world.free:

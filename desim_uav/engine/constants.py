@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from itertools import accumulate, chain
 
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.model.geometry.coverage import bucket_grid
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
-from desim_uav.model.radio.marks import KINDS
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import move_of
 from desim_uav.rowcode.components import works_on_rows
@@ -66,11 +63,7 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.homes = Table(fill(Place, home) for home in world.homes[:, :2].tolist())
     constants.expected_requests = expected_requests(scenario)
     constants.features = world.most_features
-    buckets = bucket_grid(*world.area, world.reach_m)
-    constants.buckets_x, constants.buckets_y = buckets
-    constants.bucket_x_m, constants.bucket_y_m = (
-        size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)
-    )
+    constants.in_air = int(world.in_air)
     return constants
 
 
@@ -121,10 +114,6 @@ def _set_links(made: Constants, world: World) -> None:
     made.sharers = scenario.drone_count + sum(point.counts_in_reward for point in points)
     made.points = Table(fill(Point, (*point.at_m, point.height_m)) for point in points)
     made.radios = Table(map(_radio, world.links))
-    made.groups = Table(world.groups.tolist())
-    thresholds = [links.thresholds_db for links in world.links]
-    made.thresholds_db = Table(chain.from_iterable(thresholds))
-    made.thresholds_at = Table(accumulate(map(len, thresholds), initial=0))
     made.in_bits = Table(world.services.in_bits.astype(int).tolist())
     elastic = world.services.in_bits & world.links[0].radio.sharing.elastic
     made.elastic = Table(elastic.astype(int).tolist())
@@ -134,16 +123,13 @@ def _radio(links: Links) -> Radio:
     """Return a radio as a row, without its functions."""
     made, radio = blank(Radio), links.radio
     made.bandwidth_hz = whole_hz(links.bandwidth_hz)
-    made.classes, made.levels = len(links.efficiencies) - 1, len(links.rings_m)
+    made.classes = len(links.efficiencies) - 1
     made.flat = int(radio.flat)
     made.efficiencies = Table(links.efficiencies)
-    made.rings = Table(links.rings_m.reshape(-1).tolist())
     if radio.graded:
         made.carrier_ghz, made.power_dbm = radio.carrier_ghz, radio.power_dbm
         made.noise_dbm = radio.budget.noise_dbm
-        made.marked, made.sight = int(radio.marked), KINDS[radio.sight]
-    if radio.graded and radio.shadowing is not None:
-        made.los_shadow_db, made.nlos_shadow_db = map(float, radio.shadowing)
+        made.marked = int(radio.marked)
     return made
 
 
@@ -160,10 +146,10 @@ def _set_flights(made: Constants, world: World) -> None:
         for action in world.actions
     )
     made.first_hop = _first_hop(world)
-    made.transits = Table(map(_transit, transits_of(world)))
+    made.transits = Table(map(transit_row, transits_of(world)))
 
 
-def _transit(transit: Transit) -> TransitRow:
+def transit_row(transit: Transit) -> TransitRow:
     """Return a transit as a row."""
     pieces = Table(fill(Piece, piece) for piece in transit.profile.tolist())
     _, *told = transit

@@ -31,7 +31,7 @@ OF_ONE_ENGINE = {
     State: {
         *("keeps_requests", "drones", "events", "closed", "handovers", "records", "point_records"),
         *("flown", "away_m"),
-        *("look", "slot_times", "slot_keys", "winners", "before"),
+        *("look", "sky", "slot_times", "slot_keys", "winners", "before"),
     },
     Drone: {"route", "route_end", "features"},
 }

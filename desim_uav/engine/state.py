@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from itertools import combinations, starmap
+from itertools import combinations
 from typing import NamedTuple, TypeVar
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.free import set_course, set_memory
+from desim_uav.engine.sky import most_pieces
 from desim_uav.rowcode.rows import Queue, Table, blank
 from desim_uav.rules import rows, words
-from desim_uav.rules.separation import MOST_TURNS
+from desim_uav.sky.separation import most_turns
 from desim_uav.world import World
 
 
@@ -44,7 +45,9 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
         drone.features = Table([0.0] * len(world.features_of_types[drone.type]))
     state.drones = Table(state.senders[:drones])
     if scenario.separation_m is not None:
-        state.pairs = Table(starmap(_pair, combinations(range(drones), 2)))
+        pieces = most_pieces(world)
+        pairs = combinations(range(drones), 2)
+        state.pairs = Table(_pair(*both, pieces) for both in pairs)
     state.users = Table(_user(index, senders) for index in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
@@ -94,11 +97,11 @@ def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     return drone
 
 
-def _pair(one: int, other: int) -> rows.Pair:
-    """Return a pair of drones that are not near to each other."""
+def _pair(one: int, other: int, pieces: int) -> rows.Pair:
+    """Return a pair of drones, on transits of so many pieces, that are not near to each other."""
     pair = blank(rows.Pair)
     pair.one, pair.other = one, other
-    pair.turns.buffer = MOST_TURNS
+    pair.turns.buffer = most_turns(pieces)
     return pair
 
 

@@ -6,7 +6,8 @@ packages use these names:
 
 - ``rows``: ``row`` and ``Row`` declare a record; ``Table``, ``BoundedTable``, ``Queue`` and
   ``View`` are kinds of its fields. ``blank``, ``fill``, ``named``, ``attach``, ``packed``,
-  ``place``, ``bound``, ``held_by``, ``array_of`` and ``dtype_of`` make rows, read and write them.
+  ``in_memory``, ``place``, ``address``, ``bound``, ``held_by``, ``array_of`` and ``dtype_of`` make
+  rows, read and write them.
 - ``kernels``: ``rule``, ``rare_rule``, ``kernel``, ``maker`` and ``part`` say how a function is
   compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder`` and
   ``compiled_before`` say where its machine code is kept.

@@ -11,8 +11,10 @@ from desim_uav.rowcode.compiled_rows import (
     I64,
     Line,
     Pointer,
+    as_array,
     infer_getattr,
     lower_builtin,
+    place_of,
     set_spare,
     set_word,
     spare,
@@ -27,6 +29,7 @@ from desim_uav.rowcode.numba_parts import (
     signature,
     types,
 )
+from desim_uav.rowcode.rows import width_of
 
 overload_attribute: Any = extending.overload_attribute
 overload_method: Any = extending.overload_method
@@ -153,6 +156,42 @@ def _pop(line: Any) -> Any:
         return spare(line, last)
 
     return pop
+
+
+@overload_method(Line, "space")
+def _space(line: Any, entries: Any) -> Any:
+    def space(line: Any, entries: Any) -> Any:
+        return place_of(line), word(line, 2)
+
+    return space
+
+
+@overload_method(Line, "fill")
+def _fill(line: Any, entries: Any, count: Any) -> Any:
+    def fill(line: Any, entries: Any, count: Any) -> None:
+        if count > word(line, 2):
+            set_word(line, 3, 1)
+            count = word(line, 2)
+        set_word(line, 1, count)
+
+    return fill
+
+
+@overload_method(Line, "take")
+def _take(line: Any, entries: Any, first: Any, count: Any) -> Any:
+    width = width_of(line.of)
+
+    def take(line: Any, entries: Any, first: Any, count: Any) -> None:
+        if count > word(line, 2):
+            set_word(line, 3, 1)
+            count = word(line, 2)
+        set_word(line, 1, count)
+        ours, theirs = as_array(line, (count, width)), as_array(entries, (first + count, width))
+        for k in range(count):
+            for column in range(width):
+                ours[k, column] = theirs[first + k, column]
+
+    return take
 
 
 @overload_method(Line, "clear")

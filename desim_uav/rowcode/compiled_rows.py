@@ -22,7 +22,16 @@ from desim_uav.rowcode.numba_parts import (
     types,
 )
 from desim_uav.rowcode.numba_parts import address_of as machine_code
-from desim_uav.rowcode.rows import Queue, Row, Table, held_by, is_row, layout_of, width_of
+from desim_uav.rowcode.rows import (
+    Queue,
+    Row,
+    Table,
+    address,
+    held_by,
+    is_row,
+    layout_of,
+    width_of,
+)
 
 infer_getattr: Any = extending.infer_getattr
 intrinsic: Any = extending.intrinsic
@@ -502,6 +511,14 @@ def _place_of(typing_context: Any, of: Any) -> Any:
 
 
 place_of: Any = intrinsic(_place_of)
+
+
+@overload(address)
+def _of_address(one: Any) -> Any:
+    def found(one: Any) -> Any:
+        return place_of(one)
+
+    return found
 
 
 def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:

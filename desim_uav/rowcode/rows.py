@@ -68,6 +68,23 @@ class Queue(list[T], Generic[T]):
         self.append(one)
         return one
 
+    def space(self, entries: Any) -> tuple[int, int]:
+        """Return the address of memory for new entries, and how many fit.
+
+        In compiled code it is that of this queue; in Python that of a table of a view. ``fill``
+        then says how many entries are there.
+        """
+        return place(entries.array), len(entries)
+
+    def fill(self, entries: Any, count: int) -> None:
+        """Replace all entries by the first ones in the memory that ``space`` has returned."""
+        self.take(entries, 0, count)
+
+    def take(self, entries: Any, first: int, count: int) -> None:
+        """Replace all entries by some of a table of a view, whose rows are of numbers."""
+        taken = entries.array[first : first + count].tolist()
+        self[:] = map(named(self.of)._make, taken)
+
 
 class BoundedTable(Table[T]):
     """A table that checks each index; a negative one is refused, as in compiled code."""
@@ -348,21 +365,60 @@ def place(array: NDArray[Any]) -> int:
     return int(array.ctypes.data)
 
 
+def address(one: Any) -> int:
+    """Return the address of a row or a table in memory, which is valid in this process.
+
+    In Python, it is that of a view or an array; in compiled code, where all rows are in memory, it
+    is that of any row or table.
+    """
+    if isinstance(one, np.ndarray):
+        return place(one)
+    if not one._address:
+        one._address = place(one._block) + 8 * one._at
+    found: int = one._address
+    return found
+
+
 # ---- blocks of memory in Python
+
+
+class Views(list[Any]):
+    """The views of all rows of a table, which are also a structured ``array``."""
+
+    __slots__ = ("array",)
+
+    def __init__(self, views: Iterable[Any], array: NDArray[Any]) -> None:
+        super().__init__(views)
+        self.array = array
 
 
 class View:
     """A row in a block of memory; its fields are read by name, its tables as arrays or views."""
 
-    __slots__ = ("_at", "_block", "_kept")
+    __slots__ = ("_address", "_at", "_block", "_floats", "_kept")
 
     def __new__(cls, block: Words, of: Any, at: int = 0) -> Any:
         """Return a view of the row of class ``of`` at a word, whose fields are properties."""
         return super().__new__(_view_class(of))
 
     def __init__(self, block: Words, of: type[Row], at: int = 0) -> None:
-        self._block, self._at = block, at
+        self._block, self._at, self._address = block, at, 0
+        self._floats: NDArray[np.float64] | None = None
         self._kept: dict[str, Any] = {}
+
+
+def in_memory(one: R) -> R:
+    """Return a copy of a row in a block of memory of its own, as a view of it."""
+    made: Any = View(packed(one), type(one))
+    copied: R = made
+    return copied
+
+
+def _floats_of(view: Any) -> Any:
+    """Return the block of a view as floats; to make this array takes longer than to keep it."""
+    if view._floats is None:
+        view._floats = view._block.view(np.float64)
+    return view._floats
 
 
 @cache
@@ -381,24 +437,28 @@ def _field(cls: type[Row], name: str) -> property:
         if kind is int:
             return block.item(place)
         if kind is float:
-            return block[place : place + 1].view(np.float64).item()
-        if is_row(kind):
-            return View(block, kind, place)
+            return _floats_of(view).item(place)
         if name in view._kept:
             return view._kept[name]
+        if is_row(kind):
+            view._kept[name] = inner = View(block, kind, place)
+            return inner
         of = held_by(kind)
         entries: Any = array_of(block, cls, name, view._at)
         if is_row(of):
             begin = (entries.ctypes.data - block.ctypes.data) // 8
-            entries = [View(block, of, begin + k * of.words) for k in range(len(entries))]
+            rows = (View(block, of, begin + k * of.words) for k in range(len(entries)))
+            entries = Views(rows, entries)
         if origin_of(kind) is Table:  # whose length does not change
             view._kept[name] = entries
         return entries
 
     def write(view: Any, value: Any) -> None:
         block, place = view._block, view._at + offset
-        if kind in (int, float):
-            block[place : place + 1].view(np.float64 if kind is float else np.int64)[0] = value
+        if kind is int:
+            block[place] = value
+        elif kind is float:
+            _floats_of(view)[place] = value
         elif origin_of(kind) is Queue:
             of, begin = held_by(kind), place + int(block[place]) // 8
             written = np.array(list(value), dtype_of(of) if is_row(of) else of).view(np.int64)

@@ -1,7 +1,8 @@
-"""Where drones fly and how they transmit, as ``model.radio.air`` has to know it."""
+"""Changes of links that are not those of rings: what the sky has to know of senders, and calls."""
 
 from __future__ import annotations
 
+from desim_uav.model.mobility.walking import LEG_COLUMNS
 from desim_uav.model.radio.scene import (
     BAND,
     BAND_NOISE_DBM,
@@ -26,10 +27,13 @@ from desim_uav.model.radio.scene import (
     Z0,
     Z1,
 )
-from desim_uav.rowcode.kernels import rule
-from desim_uav.rules.flight import heights_of, way_of
-from desim_uav.rules.rows import Constants, Drone, State
-from desim_uav.rules.words import OWN
+from desim_uav.rowcode.compiled_rows import call_for_int
+from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.rows import address
+from desim_uav.rules.rows import Constants, Drone, Path, State, User
+from desim_uav.rules.transits import heights_of, way_of
+from desim_uav.rules.walks import know_walks, walks_of
+from desim_uav.rules.words import LOST, NEVER, OWN
 
 PROFILE = 4
 """The rows of the profile of a drone in free flight, which are 0 while it hovers."""
@@ -52,7 +56,7 @@ def keeps_rings(world: Constants, drone: Drone) -> bool:
 @rule
 def goes_between(world: Constants, drone: Drone) -> bool:
     """Return whether a drone passes between neighbouring levels, where the rings are known."""
-    known = len(world.radios[drone.radio].terms) > 0
+    known = len(world.scene.rings[drone.radio].terms) > 0
     return known and abs(drone.to_level - drone.level) == 1
 
 
@@ -74,7 +78,7 @@ def needs_marks(world: Constants, state: State, drone: Drone, until_us: int) -> 
     """
     if not world.radios[drone.radio].marked:
         return False
-    marks_at, first = state.look.air.marks_at, drone.index * (len(state.users) + 1)
+    marks_at, first = state.sky.air.marks_at, drone.index * (len(state.users) + 1)
     return bool(
         drone.marked_until_us < until_us or marks_at[first] == marks_at[first + len(state.users)]
     )
@@ -100,12 +104,12 @@ def number_in_draws(drone: Drone) -> int:
 
 @rule
 def place_drones(world: Constants, state: State) -> None:
-    """Write the radios, the legs of all drones, and whether they serve, to ``state.look.air``."""
-    air = state.look.air
+    """Write the radios, the legs of all drones, and whether they serve, to ``state.sky.air``."""
+    air = state.sky.air
     for r in range(len(world.radios)):
         radio, at = world.radios[r], r * LOSS_COLUMNS
         air.losses[at + LEVEL_AT], air.losses[at + BOUNDS_AT] = radio.level, radio.rates
-        air.losses[at + VALUES_AT] = radio.loss_values
+        air.losses[at + VALUES_AT], air.chances[r] = radio.loss_values, radio.p_los
         air.radios[r * RADIO_COLUMNS + CARRIER_GHZ] = radio.carrier_ghz
         air.radios[r * RADIO_COLUMNS + BAND_NOISE_DBM] = radio.noise_dbm
     for d in range(len(state.senders)):
@@ -128,7 +132,7 @@ def number_of_profile(state: State, drone: Drone) -> int:
 
     The profiles of drones in free flight, by drone, come after those of the world's transits.
     """
-    air = state.look.air
+    air = state.sky.air
     if len(air.pieces) == 0 or not drone.off_grid:
         return drone.transit
     pieces, flies = drone.course.flight.pieces, drone.transit == OWN
@@ -146,7 +150,96 @@ def number_of_profile(state: State, drone: Drone) -> int:
 
 @rule
 def note_classes(state: State, drone: Drone) -> None:
-    """Write the classes of all users' links to a drone into ``state.look.air``."""
-    held, first = state.look.air.held, drone.index * len(state.users)
+    """Write the classes of all users' links to a drone into ``state.sky.air``."""
+    held, first = state.sky.air.held, drone.index * len(state.users)
     for u in range(len(state.users)):
         held[first + u] = state.users[u].classes[drone.index]
+
+
+@rule
+def show_air(world: Constants, path: Path, state: State, end_us: int) -> bool:
+    """Write the legs of all senders to the sky, and draw the users' walks until a time.
+
+    Returns whether the walks are valid. If there was no memory for some legs, the step is repeated
+    in more of it.
+    """
+    know_walks(world, path, state, state.now_us, end_us)
+    if path.stepwise:
+        walking = state.look.walking
+        if walking.lost:
+            state.faults |= LOST
+        if walking.lost or walking.count * LEG_COLUMNS > len(walking.legs):
+            return False
+    place_drones(world, state)
+    return True
+
+
+@rule
+def mark_all(world: Constants, path: Path, state: State, drone: Drone, end_us: int) -> None:
+    """Make all marks on which the classes of links to a drone depend until a time."""
+    if world.radios[drone.radio].marked or world.reuse > 0:
+        for d in range(len(state.senders)):
+            if lacks_marks(world, state, drone, state.senders[d], end_us):
+                _mark(world, path, state, state.senders[d], end_us)
+
+
+@rare_rule
+def _mark(world: Constants, path: Path, state: State, drone: Drone, end_us: int) -> None:
+    """Make the marks of all links to a drone until a time; say so if there is no room for them."""
+    span = span_of_marks(state, drone, end_us)
+    places = address(world.scene), address(state.sky), *walks_of(path, state)
+    of_drone = address(path.link_key), len(path.link_key), drone.index, number_in_draws(drone)
+    if call_for_int(world.mark, (*places, *of_drone, *span)) != 0:
+        state.sky.air.marks_lost = 1
+    drone.marked_us, drone.marked_until_us = span
+    state.sky.air.senders[drone.index * SENDER_COLUMNS + MARKED_US] = drone.marked_us
+
+
+@rare_rule
+def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
+    """Write the changes on a leg to ``drone.ahead``, where they are not those of rings."""
+    end_us = state.now_us + span_us
+    if not show_air(world, path, state, end_us):
+        drone.ahead.clear()
+        return
+    mark_all(world, path, state, drone, end_us)
+    note_classes(state, drone)
+    places = address(world.scene), address(state.sky), *drone.ahead.space(state.sky.changes)
+    of_leg = *walks_of(path, state), drone.index, state.now_us, end_us
+    count = call_for_int(world.foresee_in_air, (*places, *of_leg))
+    drone.ahead.fill(state.sky.changes, count)
+
+
+@rare_rule
+def passes_us(
+    world: Constants,
+    path: Path,
+    state: State,
+    user: User,
+    one: int,
+    other: int,
+    better: int,
+    margin_db: float,
+) -> int:
+    """Return when the level of ``one`` reaches that of ``other`` plus a margin, or falls below it.
+
+    ``better`` says whether it has reached it so far; the levels at this very instant may already
+    say otherwise. The time is NEVER if nothing changes while both drones' legs are known
+    (``known_until_us``).
+    """
+    end_us = known_until_us(state, one, other)
+    if not show_air(world, path, state, end_us):
+        return NEVER
+    if needs_marks(world, state, state.senders[one], end_us):
+        _mark(world, path, state, state.senders[one], end_us)
+    if needs_marks(world, state, state.senders[other], end_us):
+        _mark(world, path, state, state.senders[other], end_us)
+    places = address(world.scene), address(state.sky), *walks_of(path, state)
+    pair = user.index, one, other, state.now_us, end_us, better
+    return call_for_int(world.better_us, (*places, *pair, margin_db))
+
+
+@rule
+def known_until_us(state: State, one: int, other: int) -> int:
+    """Return until when the legs of two drones are known, and so the levels received from them."""
+    return min(state.senders[one].until_us, state.senders[other].until_us)

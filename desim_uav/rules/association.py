@@ -10,9 +10,9 @@ as equal (``model.radio.links.EQUAL_DB``).
 
 from __future__ import annotations
 
-from desim_uav.rowcode.compiled_rows import call_for_int
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
+from desim_uav.rules.air import known_until_us, passes_us
 from desim_uav.rules.attachment import attach, detach
 from desim_uav.rules.due import association_slot, due, key, undo
 from desim_uav.rules.rows import Constants, Path, State, User
@@ -59,33 +59,6 @@ def _may_take(world: Constants, state: State, user: User, rival: int) -> bool:
     since_us = user.better_since[rival]
     long = since_us >= 0 and since_us + world.trigger_us <= state.now_us
     return rival != user.holder and (world.trigger_us == 0 or long)
-
-
-@rule
-def passes_us(
-    world: Constants,
-    path: Path,
-    state: State,
-    user: User,
-    one: int,
-    other: int,
-    better: int,
-    margin_db: float,
-) -> int:
-    """Return when the level of ``one`` reaches that of ``other`` plus a margin, or falls below it.
-
-    ``better`` says whether it has reached it so far; the levels at this very instant may already
-    say otherwise. The time is NEVER if nothing changes while both drones' legs are known
-    (``known_until_us``).
-    """
-    own = (world, path, state, user, one, other, better, margin_db)
-    return call_for_int(world.passes_us, own)
-
-
-@rule
-def known_until_us(state: State, one: int, other: int) -> int:
-    """Return until when the legs of two drones are known, and so the levels received from them."""
-    return min(state.senders[one].until_us, state.senders[other].until_us)
 
 
 @rule

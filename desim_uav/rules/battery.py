@@ -5,10 +5,11 @@ A charge is a whole number, of microseconds of autonomy or, by some energy model
 
 from __future__ import annotations
 
-from desim_uav.rowcode.compiled_rows import call, call_for_int
+from desim_uav.rowcode.compiled_rows import call_for_int
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.due import depletion_slot, due, key, undo
 from desim_uav.rules.rows import Constants, Drone, State, TypeRow
+from desim_uav.rules.separation import part
 from desim_uav.rules.transits import flight_of
 from desim_uav.rules.words import AIRBORNE, CHARGING, DEPLETION, NEVER
 
@@ -94,7 +95,7 @@ def battery_now(world: Constants, state: State, drone: Drone) -> int:
 def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None:
     """Begin a new leg or mode: update the battery to now, and cancel the scheduled depletion."""
     if world.separation_m > 0.0:
-        call(world.part, (world, state, drone))
+        part(world, state, drone)
     if is_limited(world, drone):
         _hold(world, state, drone)
     drone.since_us = state.now_us

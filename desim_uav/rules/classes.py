@@ -5,8 +5,17 @@ A user for whom the class of a drone's link is at least 1 is in the footprint of
 
 from __future__ import annotations
 
-from desim_uav.rowcode.compiled_rows import call
+from desim_uav.model.radio.air import FOUND, FOUND_COLUMNS
+from desim_uav.rowcode.compiled_rows import call_for_int
 from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.rows import address
+from desim_uav.rules.air import (
+    foresee_in_air,
+    keeps_rings,
+    mark_all,
+    note_classes,
+    show_air,
+)
 from desim_uav.rules.attachment import detach
 from desim_uav.rules.credit import credit_entry, credit_exit
 from desim_uav.rules.due import crossing_slot, due, key, undo
@@ -14,8 +23,10 @@ from desim_uav.rules.links import begin_outage, end_outage, unsettle, unsettle_c
 from desim_uav.rules.note import note_class
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import regrade
-from desim_uav.rules.transits import began_us
-from desim_uav.rules.words import ENTRY, EXIT, NEVER, ON_CLASS, ON_ENTER, ON_EXIT
+from desim_uav.rules.standing import recall
+from desim_uav.rules.transits import began_us, show_leg
+from desim_uav.rules.walks import know_walks, walks_of
+from desim_uav.rules.words import ENTRY, EXIT, LOST, NEVER, ON_CLASS, ON_ENTER, ON_EXIT
 
 
 @rule
@@ -29,10 +40,32 @@ def foresee(
     Changes at this very instant happen immediately and are logged under ``phase``. A drone may
     begin to serve in the middle of a transit, at the start of an episode.
     """
-    call(world.foresee, (world, path, state, drone, span_us))
+    if world.in_air and not keeps_rings(world, drone):
+        foresee_in_air(world, path, state, drone, span_us)
+    else:
+        foresee_rings(world, path, state, drone, span_us)
     if began_us(state, drone) < state.now_us:
         _sum_up_past(state, drone)
     _begin_changes(world, state, drone, phase)
+
+
+@rare_rule
+def foresee_rings(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
+    """Write the changes on a leg to ``drone.ahead``, where they are those of rings."""
+    if state.look.stand and drone.serving and span_us == world.step_us:
+        recall(world, state, drone)
+        return
+    ahead, until_us = drone.ahead, state.now_us + span_us
+    know_walks(world, path, state, state.now_us, until_us)
+    if path.stepwise and state.look.walking.lost:
+        state.faults |= LOST
+        ahead.clear()
+        return
+    show_leg(world, state, drone)
+    scene, sky, space = address(world.scene), address(state.sky), ahead.space(state.sky.changes)
+    of_leg = drone.index, began_us(state, drone), until_us
+    count = call_for_int(world.foresee, (scene, sky, *space, *walks_of(path, state), *of_leg))
+    ahead.fill(state.sky.changes, count)
 
 
 @rare_rule
@@ -86,10 +119,36 @@ def retune(world: Constants, path: Path, state: State, phase: int) -> None:
             until_us = min(until_us, state.senders[d].until_us)
     if until_us == NEVER:
         return
-    call(world.foresee_all, (world, path, state, until_us - state.now_us))
+    _foresee_all(world, path, state, until_us)
     for d in range(len(state.senders)):
         if state.senders[d].serving:
             _begin_changes(world, state, state.senders[d], phase)
+
+
+@rule
+def _foresee_all(world: Constants, path: Path, state: State, end_us: int) -> None:
+    """Write the changes of all drones that serve to their ``ahead``."""
+    shown, senders = show_air(world, path, state, end_us), len(state.senders)
+    for d in range(senders):
+        drone = state.senders[d]
+        state.sky.air.sought[d] = 0
+        if drone.serving and keeps_rings(world, drone):
+            foresee_rings(world, path, state, drone, end_us - state.now_us)
+        elif drone.serving:
+            drone.ahead.clear()
+            if shown:
+                mark_all(world, path, state, drone, end_us)
+                note_classes(state, drone)
+                state.sky.air.sought[d] = 1
+    if not shown:
+        return
+    places = address(world.scene), address(state.sky), *walks_of(path, state)
+    call_for_int(world.foresee_all, (*places, state.now_us, end_us))
+    room = len(state.sky.changes) // senders
+    for d in range(senders):
+        if state.sky.air.sought[d]:
+            count = state.sky.air.found[d * FOUND_COLUMNS + FOUND]
+            state.senders[d].ahead.take(state.sky.changes, d * room, count)
 
 
 @rule

@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.classes import await_next, change_class, foresee, leave
 from desim_uav.rules.due import crossing_slot, undo
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.settle import settle_after
 from desim_uav.rules.words import ENTRY, EXIT
-
-
-def look_anew(world: Any, path: Any, state: Any) -> None:
-    """Discard an engine's data about the users' walks, at the start of an episode.
-
-    In the SimPy engine this does nothing; the compiled engine has a function of its own.
-    """
 
 
 @rule

@@ -9,7 +9,7 @@ from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import begin_count, count_charge
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
-from desim_uav.rules.coverage import leave_all, look_anew, track
+from desim_uav.rules.coverage import leave_all, track
 from desim_uav.rules.crash import ends_episode, respawn
 from desim_uav.rules.credit import credit_step, forget_credit
 from desim_uav.rules.decide import allow, go_home, is_under_way, obey, observe, record, taken
@@ -23,10 +23,11 @@ from desim_uav.rules.points import serve_from_points, serve_on
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rewards import clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.separation import BEGINS, ENDS
+from desim_uav.rules.separation import begin_pairs, end_pairs
 from desim_uav.rules.service import forget_request
 from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
+from desim_uav.rules.walks import look_anew
 from desim_uav.rules.wide import clear
 
 
@@ -64,7 +65,7 @@ def begin(world: Constants, path: Path, state: State) -> None:
     for station in range(len(state.stations)):
         hand_on_pads(world, state, station)
     if world.separation_m > 0.0:
-        call(world.tally, (world, state, BEGINS))
+        begin_pairs(state)
     run_until(state, 0, key(words.RESPAWN, -1, -1))
 
 
@@ -279,7 +280,7 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
     close_all(world, path, state)
     leave_all(state, words.RECORD)
     if world.separation_m > 0.0:
-        call(world.tally, (world, state, ENDS))
+        end_pairs(world, state)
     for d in range(len(state.senders)):
         sender = state.senders[d]
         sender.serving = 0

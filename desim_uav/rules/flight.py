@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from desim_uav.model.geometry.grid import cell_index, level_index
 from desim_uav.model.rules import US
-from desim_uav.rowcode.compiled_rows import call, call_for_int
+from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode, foresee_depletion, is_limited, refill, type_of
@@ -13,7 +13,8 @@ from desim_uav.rules.due import arrival_slot, due, key
 from desim_uav.rules.epochs import ask_at, span_of
 from desim_uav.rules.note import note_drone, note_leg, place
 from desim_uav.rules.rows import Constants, Drone, Hop, Move, Path, Plan, State
-from desim_uav.rules.transits import flight_of
+from desim_uav.rules.separation import must_wait
+from desim_uav.rules.transits import flight_of, heights_of, way_of
 
 # ---- where a drone is
 
@@ -55,28 +56,6 @@ def flown_m(world: Constants, state: State, drone: Drone) -> float:
     t = elapsed_s - piece.start_s
     half_acceleration = 0.5 * piece.acceleration_mps2
     return piece.from_m + piece.speed_mps * t + half_acceleration * t * t
-
-
-@rule
-def way_of(world: Constants, drone: Drone) -> tuple[float, float, float, float]:
-    """Return the start and the end of a drone's leg: x0, y0, x1 and y1, in metres."""
-    if drone.off_grid:
-        course = drone.course
-        return course.x0_m, course.y0_m, course.x1_m, course.y1_m
-    return (
-        (drone.x + 0.5) * world.cell_x_m,
-        (drone.y + 0.5) * world.cell_y_m,
-        (drone.to_x + 0.5) * world.cell_x_m,
-        (drone.to_y + 0.5) * world.cell_y_m,
-    )
-
-
-@rule
-def heights_of(world: Constants, drone: Drone) -> tuple[float, float]:
-    """Return the heights at the start and at the end of a drone's leg, in metres."""
-    if drone.off_grid:
-        return drone.course.z0_m, drone.course.z1_m
-    return world.levels_m[drone.level], world.levels_m[drone.to_level]
 
 
 @rule
@@ -229,7 +208,7 @@ def _has_way(world: Constants, state: State, drone: Drone, move: Move) -> bool:
     drone.to_x, drone.to_y = drone.x + move.dx, drone.y + move.dy
     drone.to_level = drone.level + move.dlevel
     transit = type_of(world, drone).first_transit + move.transit
-    return call_for_int(world.must_wait, (world, state, drone, transit)) == 0
+    return not must_wait(world, state, drone, transit)
 
 
 @rule

@@ -29,6 +29,7 @@ from desim_uav.rules.coverage import silence
 from desim_uav.rules.flight import await_end, await_hop, position, serve_on, set_out
 from desim_uav.rules.note import note_drone
 from desim_uav.rules.rows import Constants, Course, Drone, Path, State, TransitRow
+from desim_uav.rules.separation import must_wait
 
 
 class Memory(NamedTuple):
@@ -198,7 +199,7 @@ def fly_freely(world: Constants, path: Path, state: State, drone: Drone, flies: 
     if flies:
         transit = call_for_int(world.steer, (world, state, drone))
     gives_way = world.gives_way and transit != words.REST
-    if gives_way and call_for_int(world.must_wait, (world, state, drone, transit)):
+    if gives_way and must_wait(world, state, drone, transit):
         course.blocked, transit = 1, words.REST
     if course.blocked:
         note_drone(state, words.COMMAND, words.ON_BLOCKED, drone)

@@ -9,49 +9,24 @@ or part.
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from desim_uav.model.motion.legs import Route
+from desim_uav.rowcode.compiled_rows import call_for_float, call_for_int
 from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.rows import address
 from desim_uav.rules import words
 from desim_uav.rules.due import due, key, separation_slot
-from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Pair, State
-from desim_uav.rules.transits import flight_of
-
-MOST_TURNS = 64
-"""An upper bound of how often two drones come too near or part in a window: their squared distance
-is a polynomial of degree 4 in each of at most 9 pieces."""
-
-MOST_TRACK_ROWS = 16
-"""An upper bound of the rows of the tracks of two legs (see ``model.radio.tracks``)."""
-
-BEGINS, ENDS = range(2)
-"""The two values of the argument ``what`` of ``tally``."""
+from desim_uav.rules.transits import flight_of, show_leg
 
 TOLERANCE_M = 1e-6
 """A decrease of the distance, in metres, that is ignored: drones may fly side by side."""
 
 
-def meet(world: Any, state: Any, pair: Any, until_us: int) -> None:
-    """Write the times at which a pair comes too near or parts into ``turns``, the next time last.
-
-    The first of these times is now if the present state of the pair differs from ``pair.near``.
-    Each engine has an implementation of its own.
-    """
-    state.apart.meet(world, state, pair, until_us)
-
-
-def least_m(world: Any, state: Any, one: Any, other: Any, begin_us: int, end_us: int) -> float:
-    """Return the least distance of two drones in a time window of their present legs, in metres."""
-    return float(state.apart.least_m(world, state, one, other, begin_us, end_us))
-
-
 @rule
 def in_air(drone: Drone) -> bool:
     """Return whether a drone is in the air, where it has to keep its distance."""
-    return drone.mode in (words.FLYING, words.RETURNING)
+    return drone.mode in words.AIRBORNE
 
 
 @rule
@@ -60,17 +35,8 @@ def pair_of(state: State, one: int, other: int) -> Pair:
     return state.pairs[one * (2 * len(state.drones) - one - 1) // 2 + other - one - 1]
 
 
-@rule
-def tally(world: Constants, state: State, what: int) -> None:
-    """Begin or complete the measures of an episode (``what``)."""
-    if what == BEGINS:
-        _begin(state)
-    else:
-        _end(world, state)
-
-
 @rare_rule
-def _begin(state: State) -> None:
+def begin_pairs(state: State) -> None:
     """Forget the previous episode, and look at all pairs at the end of this instant."""
     state.conflicts = state.conflict_us = 0
     state.nearest_m = math.inf
@@ -100,7 +66,7 @@ def _close(world: Constants, state: State, pair: Pair) -> None:
     """End the window of a pair, if it has one, with the least distance in it."""
     if pair.open:
         one, other = state.drones[pair.one], state.drones[pair.other]
-        nearest_m = least_m(world, state, one, other, pair.since_us, state.now_us)
+        nearest_m = _least_m(world, state, one, other, pair.since_us, state.now_us)
         state.nearest_m = min(state.nearest_m, nearest_m)
         pair.open = 0
         pair.turns.clear()
@@ -136,9 +102,36 @@ def _open(world: Constants, state: State, pair: Pair) -> None:
     one, other = state.drones[pair.one], state.drones[pair.other]
     if in_air(one) and in_air(other):
         pair.open, pair.since_us = 1, state.now_us
-        meet(world, state, pair, rests_at(world, state, one, other))
+        _await_turns(world, state, pair, rests_at(world, state, one, other))
     elif pair.near:
         _turn(state, pair)
+
+
+@rule
+def _await_turns(world: Constants, state: State, pair: Pair, until_us: int) -> None:
+    """Write the times at which a pair comes too near or parts into ``turns``, the next time last.
+
+    The first of these times is now if the present state of the pair differs from ``pair.near``.
+    """
+    one, other, turns = pair.one, pair.other, pair.turns
+    show_leg(world, state, state.drones[one])
+    show_leg(world, state, state.drones[other])
+    places = address(world.scene), address(state.sky)
+    count = call_for_int(world.meet, (*places, one, other, pair.near, state.now_us, until_us))
+    turns.clear()
+    for k in range(count - 1, -1, -1):
+        turns.append(state.sky.turns[k].t_us)
+
+
+@rule
+def _least_m(
+    world: Constants, state: State, one: Drone, other: Drone, begin_us: int, end_us: int
+) -> float:
+    """Return the least distance of two drones in a time window of their present legs, in metres."""
+    show_leg(world, state, one)
+    show_leg(world, state, other)
+    places = address(world.scene), address(state.sky)
+    return call_for_float(world.least_m, (*places, one.index, other.index, begin_us, end_us))
 
 
 @rule
@@ -161,19 +154,6 @@ def _note(state: State, kind: int, pair: Pair) -> None:
 
 
 @rule
-def route_of(world: Constants, drone: Drone) -> Route:
-    """Return where the leg of a drone leads from and to, in metres.
-
-    A drone that rests stays where it is, even if it has just received its next command.
-    """
-    x0, y0, x1, y1 = way_of(world, drone)
-    z0, z1 = heights_of(world, drone)
-    if drone.transit == words.REST:
-        return x0, y0, z0, x0, y0, z0
-    return x0, y0, z0, x1, y1, z1
-
-
-@rule
 def rests_at(world: Constants, state: State, one: Drone, other: Drone) -> int:
     """Return the time from which two drones in the air both rest, if they get no new command."""
     first = one.since_us + flight_of(world, one).duration_us
@@ -182,8 +162,8 @@ def rests_at(world: Constants, state: State, one: Drone, other: Drone) -> int:
 
 
 @rare_rule
-def _end(world: Constants, state: State) -> None:
-    """Complete the measures of an episode that ends now."""
+def end_pairs(world: Constants, state: State) -> None:
+    """Complete the measures of pairs in an episode that ends now."""
     for k in range(len(state.pairs)):
         pair = state.pairs[k]
         _close(world, state, pair)
@@ -206,9 +186,9 @@ def must_wait(world: Constants, state: State, drone: Drone, transit: int) -> boo
         other = state.drones[d]
         if in_air(other) and not waits:
             now_us, until_us = state.now_us, rests_at(world, state, other, drone)
-            nearest_m = least_m(world, state, other, drone, now_us, until_us)
+            nearest_m = _least_m(world, state, other, drone, now_us, until_us)
             if nearest_m < world.separation_m:
-                now_m = least_m(world, state, other, drone, now_us, now_us)
+                now_m = _least_m(world, state, other, drone, now_us, now_us)
                 waits = nearest_m < now_m - TOLERANCE_M
     drone.since_us, drone.transit = since_us, rests
     return waits

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -19,6 +20,7 @@ from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment import tables
+from desim_uav.model.motion.motion import BangCoastBang, Transit
 from desim_uav.model.rules import Mode
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, loads, scenario_hash
@@ -231,6 +233,38 @@ def test_a_scenario_without_the_keys_has_the_hash_that_it_had():
     plain = loads("{separation_m: null, on_conflict: log}")
     assert scenario_hash(plain) == scenario_hash(loads("{}"))
     assert scenario_hash(loads("separation_m: 5")) != scenario_hash(loads("{}"))
+
+
+# ---- a motion of one's own
+
+
+@dataclass(frozen=True)
+class InPieces(BangCoastBang):
+    """The same flights, with their phases in ten pieces each."""
+
+    def fastest_transit(self, distance_m: float) -> Transit:
+        """Return a transit in minimum time, whose phases are divided."""
+        whole = super().fastest_transit(distance_m)
+        pieces = []
+        for piece, following in pairwise(whole.profile):
+            for part in range(10):
+                after = part / 10 * (following[0] - piece[0])
+                speed = piece[2] + piece[3] * after
+                flown = piece[1] + (piece[2] + speed) / 2 * after
+                pieces.append([piece[0] + after, flown, speed, piece[3]])
+        return whole._replace(profile=np.array([*pieces, whole.profile[-1]]))
+
+
+@every_engine
+def test_a_motion_may_have_many_pieces():
+    own = {"kind": f"{__name__}:InPieces", "timing": "minimum_time"}
+    apart = []
+    for changes in ({}, {"drones": {"motion": own}}):
+        world = strip([(3, 0), (5, 0)], steps=2, separation_m=100, **changes)
+        log = fly(world, path_of(world), "right right", "left left")
+        apart.append(seen(log, "conflict", "clear"))
+    assert len(apart[0]) == 2
+    assert [row[0] for row in apart[0]] == pytest.approx([row[0] for row in apart[1]], abs=1)
 
 
 # ---- against a sampler

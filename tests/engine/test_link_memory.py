@@ -8,7 +8,7 @@ import pytest
 
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.compiled import pack
-from desim_uav.engine.des import Simulation, in_air
+from desim_uav.engine.des import Simulation, skies
 from desim_uav.sample_path import draw
 from tests.engine.test_line_of_sight import WORLDS, flown, told, town
 
@@ -18,8 +18,8 @@ def test_too_little_memory_is_made_larger(name: str, monkeypatch: pytest.MonkeyP
     world = town(**WORLDS[name])
     path = draw(world, 1, 0)
     expected = flown(Simulation(world, told(world)), path)
-    monkeypatch.setattr(in_air, "MARKS_A_USER", 1)
-    monkeypatch.setattr(in_air, "STRETCHES", 1)
+    monkeypatch.setattr(skies, "MARKS_A_USER", 1)
+    monkeypatch.setattr(skies, "STRETCHES", 1)
     assert flown(Simulation(world, told(world)), path) == expected
     roomy = pack.room_for
     rooms: list[Any] = []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from desim_uav.engine.compiled.looking import CHANGE_COLUMNS, MANY, spread_last_first
+from desim_uav.sky.order import CHANGE_COLUMNS, MANY, spread_last_first
 
 
 def plainly(rows):

@@ -10,9 +10,10 @@ import pytest
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation, standing
 from desim_uav.engine.des import Simulation
-from desim_uav.engine.des.crossings import Changes
 from desim_uav.model.mobility.mobility import Walks
 from desim_uav.model.rules import MOVES
+from desim_uav.rules.classes import foresee_rings
+from desim_uav.rules.standing import COURSES
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -24,24 +25,29 @@ def world_of(case: str, *overrides: str) -> World:
 
 
 @pytest.mark.parametrize("case", ["case1", "case2", "case7"])
-def test_every_leg_is_as_the_simpy_engine_finds_it(case: str):
+def test_every_leg_is_as_it_is_foreseen(case: str):
     world = world_of(case)
     known, array_of_rows = standing.tabulate(world)
     grid, (nx, ny) = world.grid, world.grid.cells
-    finder = Changes(world, world.links[0])
-    finder.begin(world.walks(0, 0))
-    legs = 0
+    engine = Simulation(world, RunSettings((True,) * len(world.type_numbers), False))
+    engine.reset(draw(world, 0, 0))
+    constants, state = engine.constants, engine.state
+    transits = {id(transit): number for number, transit in enumerate(engine.transits)}
+    drone, legs = state.drones[0], 0
+    drone.serving, drone.level, drone.to_level = 1, 0, 0
+    state.now_us = drone.since_us = 0
     for x, y in np.ndindex(nx, ny):
         for action, transit in world.epoch_transits.items():
             dx, dy, dlevel = MOVES[action]
             if dlevel != 0 or not grid.can_enter(x + dx, y + dy, 0, True):
                 continue
-            at = (x * ny + y) * 5 + standing.COURSES.index((dx, dy))
-            way = (*grid.centre(x, y), *grid.centre(x + dx, y + dy))
-            found = finder.of((transit, way, (0, 0)), 0, world.step_us, False)
+            at = (x * ny + y) * 5 + COURSES.index((dx, dy))
+            drone.x, drone.y, drone.to_x, drone.to_y = x, y, x + dx, y + dy
+            drone.transit = transits[id(transit)]
+            foresee_rings(constants, engine.own_path, state, drone, world.step_us)
             rows = array_of_rows[known[at] : known[at + 1]].tolist()
-            assert rows == [list(change) for change in found]
-            legs += len(found) > 0
+            assert rows == [list(change) for change in drone.ahead]
+            legs += len(rows) > 0
     assert legs > nx * ny
 
 

@@ -68,8 +68,8 @@ def test_the_legs_of_each_step_are_those_of_the_path(walk: dict[str, float], ste
         shown = engine.reset(path)
         while not shown.truncated:
             shown = engine.step([HOVER] * 2)
-            look = engine.state.look
-            span = look.from_us, look.to_us
+            sky = engine.state.sky
+            span = sky.from_us, sky.to_us
             assert span == (shown.t_us - world.step_us, shown.t_us)
             for user in range(12):
                 assert np.array_equal(walked(engine, user), in_span(path, user, *span))

@@ -28,11 +28,13 @@ from desim_uav.rowcode.rows import (
     Table,
     View,
     Words,
+    address,
     array_of,
     blank,
     dtype_of,
     fill,
     held_by,
+    in_memory,
     is_row,
     packed,
     row,
@@ -501,6 +503,73 @@ def test_a_row_holds_the_address_of_a_function():
     sort_by(in_python, 3)
     compiled(sort_by)(block.ctypes.data, 3)
     assert View(block, Shelf).number == in_python.number == 4 + 3 * (2 + 2**40)
+
+
+@rule
+def addresses(shelf: Shelf) -> tuple[int, int]:
+    return address(shelf), address(shelf.books[1])
+
+
+@numba.njit(**OPTIONS)
+def addresses_at(at: int) -> tuple[int, int]:
+    return addresses(shelf_at(at))
+
+
+@numba.njit(**OPTIONS)
+def take(at: int, count: int) -> int:
+    here = shelf_at(at)
+    here.returned.take(here.books, 1, count)
+    return here.returned.overrun
+
+
+@pytest.mark.parametrize(("count", "overruns"), [(0, 0), (2, 0), (ROOM + 1, 1)])
+def test_a_queue_takes_entries_of_a_table(count: int, overruns: int):
+    made = shelf()
+    made.books = Table(fill(Book, (100 + k, 0.5 * k)) for k in range(ROOM + 2))
+    of_machine_code, in_python = in_memory(made), made.returned
+    in_python.take(of_machine_code.books, 1, count)
+    assert take(address(of_machine_code), count) == overruns
+    taken = [(book.pages, book.weight) for book in of_machine_code.returned]
+    assert taken == [(book.pages, book.weight) for book in in_python][:ROOM]
+
+
+ints_at = entries_at(int)
+
+
+@numba.njit(**OPTIONS)
+def fill_space(at: int, count: int) -> int:
+    here = shelf_at(at)
+    here.lent.clear()
+    space = here.lent.space(here.marks)
+    ints = ints_at(space[0], space[1])
+    for k in range(min(count, len(ints))):
+        ints[k] = k * k
+    here.lent.fill(here.marks, count)
+    return here.lent.overrun
+
+
+@pytest.mark.parametrize(("count", "overruns"), [(0, 0), (2, 0), (ROOM + 1, 1)])
+def test_a_queue_is_filled_in_its_own_memory(count: int, overruns: int):
+    of_machine_code: Any = in_memory(shelf())
+    assert fill_space(address(of_machine_code), count) == overruns
+    assert of_machine_code.lent.tolist() == [k * k for k in range(min(count, ROOM))]
+
+
+def test_python_fills_a_queue_from_the_table_that_had_the_space():
+    table, queue = in_memory(shelf()).books, shelf().returned
+    at, room = queue.space(table)
+    assert room == len(table) == 3
+    assert at == table.array.ctypes.data
+    queue.fill(table, 2)
+    assert [book.pages for book in queue] == [100, 101]
+
+
+def test_the_address_of_a_row_is_the_same_in_python_and_compiled():
+    copied: Any = in_memory(shelf())
+    at, of_second = addresses(copied)
+    assert (at, of_second) == addresses_at(at)
+    assert [book.pages for book in copied.books] == [book.pages for book in shelf().books]
+    assert address(View(copied._block, Shelf)) == at
 
 
 floats_at, bytes_at = entries_at(float), entries_at(bool)

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP
-from desim_uav.engine.compiled import free, looking, loop, separation
-from desim_uav.engine.compiled import in_air as sought
+from desim_uav.engine.compiled import free, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.model.decisions import discount_of
 from desim_uav.model.geometry.coverage import leg_at, walked
@@ -25,10 +24,12 @@ from desim_uav.rowcode.compiled_rows import (
 )
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule
 from desim_uav.rules import requests
-from desim_uav.rules.coverage import look_anew
 from desim_uav.rules.due import due, nothing_due
-from desim_uav.rules.rows import Constants, Drone, Path, State, User
+from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.walks import know_walks, look_anew
 from desim_uav.rules.whole_state import write_state
+from desim_uav.sky import links, separation
+from desim_uav.sky.foresee import foresee_discs, foresee_rings
 
 Ints = NDArray[np.int64]
 
@@ -48,23 +49,17 @@ def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
     compiled only for them: changes of links with classes (``graded``), those that are not of rings
     (``in_air``), free flight, and distances of drones.
     """
-    leg, pair = (Constants, Path, State, Drone, int), (Constants, Path, State, User)
-    constants.foresee = address_of(looking.foresee, *leg)
-    if graded:
-        constants.find_in_classes = address_of(looking.find_in_classes, *leg)
+    constants.foresee = address_of(foresee_rings if graded else foresee_discs, *[int] * 10)
     if in_air:
-        constants.foresee_rings = constants.foresee
-        constants.foresee = address_of(sought.foresee_in_air, *leg)
-        constants.foresee_all = address_of(sought.foresee_all, *leg[:3], int)
-        constants.passes_us = address_of(sought.passes_us, *pair, int, int, int, float)
+        constants.foresee_in_air = address_of(links.foresee_in_air, *[int] * 10)
+        constants.foresee_all = address_of(links.foresee_all, *[int] * 7)
+        constants.better_us = address_of(links.better_us, *[int] * 11, float)
+        constants.mark = address_of(links.mark, *[int] * 11)
     if len(constants.spaces) > 0:
         free.set_free(constants)
     if constants.separation_m > 0.0:
-        pairs = (Constants, State)
-        constants.part = address_of(separation.part, *pairs, Drone)
-        constants.on_separation = address_of(separation.on_separation, *pairs)
-        constants.tally = address_of(separation.tally, *pairs, int)
-        constants.must_wait = address_of(separation.must_wait, *pairs, Drone, int)
+        constants.meet = address_of(separation.meet, *[int] * 7)
+        constants.least_m = address_of(separation.least_m, *[int] * 6)
     constants.run = address_of(loop.run, Constants, Path, State, int)
 
 
@@ -274,7 +269,7 @@ def state_all(environments: Ints, places: NDArray[np.float64], out: NDArray[np.f
         row = environments[k]
         world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
         now_us = own.now_us
-        looking.know_walks(world, path, own, now_us, now_us)
+        know_walks(world, path, own, now_us, now_us)
         rows, begins = path.legs, path.legs_at
         if path.stepwise:
             rows, begins = own.look.walking.legs, own.look.walking.legs_at

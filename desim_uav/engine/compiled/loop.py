@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
+from desim_uav.model.geometry.coverage import LEG, leg_near, walked
 from desim_uav.model.mobility.walking import LEG_COLUMNS
-from desim_uav.rowcode.compiled_rows import call
+from desim_uav.rowcode.compiled_rows import as_array
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule, stands_in_for
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
 from desim_uav.rules.coverage import on_crossing
@@ -17,8 +18,19 @@ from desim_uav.rules.episode import begin, command, end_step, show_first, start_
 from desim_uav.rules.points import on_renewal
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Constants, Path, State
+from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
-from desim_uav.rules.words import ATTACHMENT, OUT_OF_MEMORY, QUEUED, RECORD, RESPAWN, UNFINISHED
+from desim_uav.rules.spots import find_users
+from desim_uav.rules.walks import know_walks
+from desim_uav.rules.words import (
+    ATTACHMENT,
+    LOST,
+    OUT_OF_MEMORY,
+    QUEUED,
+    RECORD,
+    RESPAWN,
+    UNFINISHED,
+)
 
 START_AFRESH, RESET, STEP = range(3)
 """The tasks of ``run``: put the drones at their starts, begin an episode, or run a step."""
@@ -71,12 +83,37 @@ def _hand_on_pads(world: Any, state: Any, station: Any) -> Any:
     return hand_on
 
 
+@stands_in_for(find_users)
+def _find_users(world: Any, path: Any, state: Any) -> Any:
+    def find(world: Any, path: Any, state: Any) -> None:
+        look, now_us, count = state.look, state.now_us, len(state.users)
+        if look.stand and state.step > 0:
+            return  # all users still are where they were
+        know_walks(world, path, state, now_us, now_us)
+        if path.stepwise:
+            if look.walking.lost:
+                state.faults |= LOST
+                return
+            rows, begins = look.walking.legs, look.walking.legs_at
+        else:
+            rows, begins = path.legs, path.legs_at
+        legs, seen = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)), state.sky.seen
+        for user in range(count):
+            begin, stop = begins[user], begins[user + 1]
+            if stop > begin:  # else there was no memory for the user's legs
+                guess = stop - 1 if path.stepwise else begin + int(seen[LEG * count + user])
+                leg = leg_near(legs, begin, stop, now_us, guess)
+                state.spots[user].x_m, state.spots[user].y_m = walked(legs, leg, now_us)
+
+    return find
+
+
 @rule
 def _overrun(state: State) -> int:
     """Return whether a queue of the state had no memory left for an entry."""
     walking = state.look.walking
     overrun = int(walking.count * LEG_COLUMNS > len(walking.legs)) | state.loose.overrun
-    overrun |= state.look.air.marks_lost
+    overrun |= state.sky.air.marks_lost
     overrun |= (
         state.unsettled.overrun
         | state.events.overrun
@@ -128,7 +165,7 @@ def _happen(world: Constants, path: Path, state: State, slot: int) -> None:
 def _happen_rarely(world: Constants, path: Path, state: State, slot: int, separation: int) -> None:
     """Let the event of a slot happen that few scenarios have, counted from the first arrival."""
     if slot == separation:
-        call(world.on_separation, (world, state))
+        on_separation(world, state)
     elif slot > separation:
         on_renewal(world, path, state)
     else:

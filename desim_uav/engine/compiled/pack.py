@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from desim_uav.copies import Unchanging, owned
-from desim_uav.engine.air import Room, fits_between, set_air, set_memory, set_room, windows_for
+from desim_uav.engine.air import Room
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
@@ -28,17 +28,15 @@ from desim_uav.engine.compiled.slots import tournaments
 from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of
 from desim_uav.engine.free import space_row
+from desim_uav.engine.sky import scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
-from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.mobility.walking import LEG_COLUMNS, walking_of
-from desim_uav.model.radio.tracks import TRACK_COLUMNS
 from desim_uav.model.rules import US
 from desim_uav.rowcode.components import compiled
 from desim_uav.rowcode.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.rules.due import crossing_slot, slots
 from desim_uav.rules.rows import Constants, Drone, SpaceRow, State, Station
-from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS
 from desim_uav.world import World
 
 Array = np.ndarray[Any, Any]
@@ -135,7 +133,7 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
     if problems:
         raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
     constants: Any = constants_of(world, settings)
-    set_air(constants, world)
+    constants.scene = scene_of(world)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
     if world.free:
@@ -191,9 +189,9 @@ STRETCHES = 64
 
 
 def room_for(users: int, buffers: Buffers, legs: int) -> Room:
-    """Return how much memory there is for marks, which grows with the buffers for crossings."""
+    """Return how much memory there is, which grows with the buffers for crossings."""
     crossings = buffers.crossings
-    return Room(2 * users + 4 * crossings, legs + crossings, STRETCHES + crossings // 4)
+    return Room(crossings, 2 * users + 4 * crossings, legs + crossings, STRETCHES + crossings // 4)
 
 
 def forget_packed() -> None:
@@ -211,21 +209,13 @@ def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int)
 def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int) -> Words:
     state: Any = state_of(world, settings, buffers, State)
     drones, users, count = len(state.drones), len(state.users), slots(state)
-    nx, ny = bucket_grid(*world.area, world.reach_m)
     state.slot_times, state.slot_keys = _whole(count), _whole(count)
     state.winners = tournaments(count, crossing_slot(state, 0), len(state.senders))
     state.before = _whole(1 + sum(begun_words(drones, len(state.stations))))
     look = state.look
-    set_memory(look.air, world)
-    set_room(look.air, world, room_for(users, buffers, legs))
-    look.users = np.zeros(SEEN_ROWS * users)
-    if world.graded:
-        look.windows = _windows_of(world).reshape(-1)
-        look.found, look.order = _whole(3 * buffers.crossings), _whole(buffers.crossings)
-    if len(state.pairs) > 0:
-        look.apart = np.zeros(MOST_TRACK_ROWS * TRACK_COLUMNS)
-        look.turns = _whole(2 * MOST_TURNS)
-    look.heads, look.following = _whole(nx * ny), _whole(users if nx * ny else 0)
+    state.sky = sky_of(world, room_for(users, buffers, legs))
+    if world.links[0].radio.reuse == 0:
+        state.sky.changes = Table()  # kernels write to ``Drone.ahead``
     if world.row_mobility:
         model: Any = type(world.row_mobility)
         look.walking = walking = blank(walking_of(model))
@@ -244,12 +234,6 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
 def begun_words(drones: int, stations: int) -> tuple[int, int]:
     """Return the words of the rows of drones, and of stations with their queues."""
     return Drone.words * drones, (Station.words + drones + 1) * stations
-
-
-def _windows_of(world: World) -> Array:
-    """Return memory for the windows of a leg between levels of any type of drones."""
-    fits = [fits_between(world, links) for links in world.links[: len(world.types)]]
-    return max((windows_for(world, each) for each in fits), key=len)
 
 
 def _whole(count: int) -> Array:

@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 from desim_uav.model.geometry.coverage import (
     SEEN_ROWS,
     VX,
-    VY,
-    X0,
-    Y0,
     DroneLeg,
     Users,
     look_around,
@@ -19,16 +16,11 @@ from desim_uav.model.geometry.relative import TIME_US, USER
 from desim_uav.model.motion.motion import Transit, cruise_of
 from desim_uav.model.radio.nested import CHANGE, changes_on
 from desim_uav.model.rules import Action, kind_of, move_of
-from desim_uav.rowcode.compiled_rows import set_word
-from desim_uav.rowcode.kernels import rule
-from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.standing import COURSES
 from desim_uav.world import World
 
 Ints = NDArray[np.int64]
 CHANGE_COLUMNS = 3
-
-COURSES = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
-"""The directions of legs in the plane, in cells; ``_course`` returns the index of a direction."""
 
 MOST_LOOKS = 2**22
 """The largest number of pairs of a leg and a user for which crossings are computed in advance."""
@@ -109,49 +101,3 @@ class _Looks:
         leg = DroneLeg(transit.profile, route, (0, self.world.step_us), 0.0, fresh=False)
         rows = changes_on(leg, self.users, rings_m, self.world.groups)
         return rows[np.lexsort((rows[:, USER], rows[:, CHANGE] > 0, rows[:, TIME_US]))[::-1]]
-
-
-@rule
-def stand(world: Constants, path: Path) -> int:
-    """Return whether all users stand still at the homes for which the table was computed."""
-    if len(world.known_at) == 0 or path.stepwise or len(path.legs) != 5 * len(world.homes):
-        return 0
-    for user in range(len(world.homes)):
-        home, leg = world.homes[user], 5 * user
-        if path.legs[leg + X0] != home.x_m or path.legs[leg + Y0] != home.y_m:
-            return 0
-        if path.legs[leg + VX] != 0.0 or path.legs[leg + VY] != 0.0:
-            return 0
-    return 1
-
-
-@rule
-def recall(world: Constants, state: State, drone: Drone) -> None:
-    """Write the crossings of a leg that begins now, from the table, into ``drone.ahead``.
-
-    At access points, which stand still as all users do, there are none.
-    """
-    if drone.point >= 0:
-        drone.ahead.clear()
-        return
-    course = _course(drone.to_x - drone.x, drone.to_y - drone.y)
-    leg = world.types[drone.type].first_known + (drone.x * world.ny + drone.y) * 5 + course
-    first, ahead = world.known_at[leg], drone.ahead
-    count = world.known_at[leg + 1] - first
-    if count > ahead.buffer:
-        set_word(ahead, 3, 1)
-        count = 0
-    set_word(ahead, 1, count)
-    for k in range(count):
-        known, change = world.known[first + k], ahead[k]
-        change.t_us = state.now_us + known.t_us
-        change.user, change.change = known.user, known.change
-
-
-@rule
-def _course(dx: int, dy: int) -> int:
-    if dx != 0:
-        return 3 if dx > 0 else 4
-    if dy != 0:
-        return 1 if dy > 0 else 2
-    return 0

@@ -7,50 +7,41 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.engine.air import set_air
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
-from desim_uav.engine.des.crossings import Changes, last_first
-from desim_uav.engine.des.free import set_free, transit_of
-from desim_uav.engine.des.in_air import InAir
+from desim_uav.engine.des.free import set_free
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import own_over_rows, set_components
 from desim_uav.engine.des.processes import Processes
-from desim_uav.engine.des.separation import Separation
+from desim_uav.engine.des.skies import Skies
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.demand.asking import Requests
 from desim_uav.model.geometry.coverage import all_walked
-from desim_uav.model.motion.motion import REST as REST_FLIGHT
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rowcode.rows import Table, blank, bound, fill
-from desim_uav.rules.air import keeps_rings
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
-from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Ask, Constants, Path, State
-from desim_uav.rules.separation import must_wait, part, tally
 from desim_uav.rules.settle import settle
-from desim_uav.rules.transits import began_us
-from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN, REST
+from desim_uav.rules.walks import look_anew
+from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN
 from desim_uav.sample_path import SamplePath
 from desim_uav.typed import typed
 from desim_uav.world import World
 
 
 class LiveState(State):
-    """The state of an episode, with five fields that only the SimPy engine needs.
+    """The state of an episode, with four fields that only the SimPy engine needs.
 
-    ``clock`` is its event queue, and ``apart`` finds the distances of drones. ``named_terms`` holds
-    the terms of each drone's reward by name if the reward does not work on rows, ``observed``
-    returns the drones' observations, and ``find_users`` writes the users' places (see
-    ``rules.spots``).
+    ``clock`` is its event queue. ``named_terms`` holds the terms of each drone's reward by name if
+    the reward does not work on rows, ``observed`` returns the drones' observations, and
+    ``find_users`` writes the users' places (see ``rules.spots``).
     """
 
-    __slots__ = ("apart", "clock", "find_users", "named_terms", "observed")
-    apart: Separation
+    __slots__ = ("clock", "find_users", "named_terms", "observed")
     clock: Clock
     find_users: Callable[[], None]
     named_terms: Sequence[dict[str, float]]
@@ -77,15 +68,10 @@ class Simulation(Engine):
         self.audit = audit
         self._before: Carried | None = None
         self.transits = transits_of(world)
-        self._bounds = own_over_rows(world)
+        self._bounds, self._skies = own_over_rows(world), Skies(world)
         self.constants = self._constants()
         self.state = self._state()
         self.drones = self.state.drones
-        self._in_air: InAir | None = None
-        if world.in_air:
-            self._in_air = InAir(world, self.constants, self.state)
-            self.constants.passes_us = self._in_air.passes_us
-        self._changes = [Changes(world, links) for links in world.links]
         self._asks: tuple[Requests | None, Table[Any]] = (None, Table())
         self.clock = Clock(0)
 
@@ -98,12 +84,9 @@ class Simulation(Engine):
         """Return the constants, with plans and functions."""
         world = self.world
         made: Any = constants_of(world, self.settings)
-        set_air(made, world)
         made.plans = Plans(world.planners, world.grid)
         made.hops = made.plans.hops
-        made.foresee = self._foresee
-        made.foresee_all = self._foresee_all
-        made.part, made.tally, made.must_wait = part, tally, must_wait
+        self._skies.set_functions(made, lambda: self.state)
         set_components(made, world)
         if world.free:
             set_free(made, world)
@@ -115,7 +98,8 @@ class Simulation(Engine):
         state = state_of(self.world, self.settings, Buffers(), LiveState)
         state.keeps_requests = 1
         state.named_terms, state.observed = (), self.observations
-        state.find_users, state.apart = self._find_users, Separation(self.transits)
+        state.find_users = self._find_users
+        state.sky = self._skies.first()
         return state
 
     # ---- episodes
@@ -140,10 +124,7 @@ class Simulation(Engine):
     def _follow(self, path: SamplePath) -> None:
         """Make a sample path the one of the present episode."""
         self.drawn, self.own_path = path, self._path(path)
-        for changes in self._changes:
-            changes.begin(path.walks)
-        if self._in_air is not None:
-            self._in_air.begin(path.walks, path.link_key)
+        self._skies.begin(self.state, path.walks)
 
     def _start_clock(self, now_us: int) -> None:
         """Make a new event queue, in which nothing is scheduled yet."""
@@ -171,6 +152,7 @@ class Simulation(Engine):
         self.set_routes(rows.routes)
         self.state.named_terms = [dict(terms) for terms in saved.named_terms]
         self._follow(saved.path)
+        look_anew(self.constants, self.own_path, self.state)
         self._start_clock(self.state.now_us)
         for slot, t_us, place in rows.due:
             self.clock.due(slot, t_us, place)
@@ -216,35 +198,6 @@ class Simulation(Engine):
             self.state.now_us = int(self.clock.now)
             self.audit(self)
 
-    def _foresee(self, world: Any, path: Any, state: Any, drone: Any, span_us: int) -> None:
-        """Write the changes on a leg to ``drone.ahead`` (see ``rules.classes.foresee``)."""
-        if self._in_air is not None and not keeps_rings(world, drone):
-            rows = self._in_air.changes(drone, (state.now_us, state.now_us + span_us))
-            drone.ahead[:] = last_first(rows)
-            return
-        changes, start_us = self._changes[drone.radio], began_us(state, drone)
-        span_us += state.now_us - start_us
-        if drone.off_grid and drone.point < 0:
-            own = REST_FLIGHT if drone.transit == REST else transit_of(drone.course.flight)
-            course = own, way_of(world, drone), heights_of(world, drone)
-            drone.ahead[:] = changes.of_free(course, start_us, span_us, not drone.serving)
-            return
-        flight = self.transits[drone.transit], way_of(world, drone), (drone.level, drone.to_level)
-        drone.ahead[:] = changes.of(flight, start_us, span_us, not drone.serving)
-
-    def _foresee_all(self, world: Any, path: Any, state: Any, span_us: int) -> None:
-        """Write the changes of all drones that serve and may interfere to their ``ahead``."""
-        assert self._in_air is not None
-        sought = []
-        for drone in state.senders:
-            if drone.serving and keeps_rings(world, drone):
-                self._foresee(world, path, state, drone, span_us)
-            elif drone.serving:
-                sought.append(drone)
-        found = self._in_air.changes_of_all(sought, (state.now_us, state.now_us + span_us))
-        for drone, rows in zip(sought, found, strict=True):
-            drone.ahead[:] = last_first(rows)
-
     def _find_users(self) -> None:
         """Write the places at which the users are now into the state (see ``rules.spots``)."""
         places = all_walked(*self.drawn.walks, int(self.state.now_us)).tolist()
@@ -253,16 +206,21 @@ class Simulation(Engine):
 
     def _path(self, path: SamplePath) -> Path:
         """Return a sample path as a row."""
-        made, requests = blank(Path), path.requests
+        made: Any = blank(Path)
+        requests, walks = path.requests, path.walks
         if requests is not self._asks[0]:
             self._asks = requests, Table(fill(Ask, row) for row in requests.rows.tolist())
         made.asks, made.asks_at = self._asks[1], Table(requests.offsets.tolist())
+        made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1)
+        made.legs_at = np.ascontiguousarray(walks.offsets, np.int64)
+        made.link_key = np.ascontiguousarray(path.link_key).view(np.int64)
         made.after_previous = int(requests.after_previous)
         made.respawns = Table(path.respawn.reshape(-1).tolist())
         made.respawns_drawn = path.respawn.shape[1]
         if path.position_error is not None:
             made.errors = Table(np.asarray(path.position_error).reshape(-1).tolist())
-        return made
+        own: Path = made
+        return own
 
     # ---- access to the rows
 

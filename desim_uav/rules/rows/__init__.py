@@ -7,26 +7,24 @@ those of user u are ``asks[asks_at[u]:asks_at[u + 1]]``; ``legs_at`` and ``known
 
 from __future__ import annotations
 
-from desim_uav.rules.rows.constants import Change, Constants, Point, Radio, TypeRow
+from desim_uav.rules.rows.constants import Constants, Point, Radio, TypeRow
 from desim_uav.rules.rows.drones import Course, Credit, Drone, Observation, Pair, Station
 from desim_uav.rules.rows.flights import (
     Cell,
     Hop,
     Move,
-    Piece,
     Place,
     Plan,
     SpaceRow,
-    TransitRow,
     WaysRow,
 )
 from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.sample_path import Ask, Path
-from desim_uav.rules.rows.state import AirTables, Look, State, Wide
+from desim_uav.rules.rows.state import Look, State, Wide
 from desim_uav.rules.rows.users import Request, Spot, User
+from desim_uav.sky.rows import Change, Piece, TransitRow
 
 __all__ = [
-    "AirTables",
     "Ask",
     "Cell",
     "Change",

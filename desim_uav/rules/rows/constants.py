@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from desim_uav.rowcode.rows import Row, Table, row
-from desim_uav.rules.rows.flights import Cell, Hop, Move, Place, Plan, SpaceRow, TransitRow
+from desim_uav.rules.rows.flights import Cell, Hop, Move, Place, Plan, SpaceRow
+from desim_uav.sky.rows import Change, Scene, TransitRow
 
 
 @row
@@ -11,34 +12,20 @@ class Radio(Row):
     """A radio: that of a type of drones, by its number, or after these that of an access point.
 
     ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
-    link of each class carries per hertz, class 0 (none) first. ``rings`` has the radii of all
-    classes from 1 on, by level and then by the ``groups`` into which users fall by their heights;
-    an access point has one level. If it is ``flat``, the radii are the same on all levels.
-    ``terms`` to ``bounds_m`` are the fits between levels, with so many ``slabs`` between two of
-    them (``model.radio.fits.Fits``), or empty. If links
-    are ``marked``, ``sight`` is the kind of line of sight (``model.radio.marks``), and
-    ``los_shadow_db`` and ``nlos_shadow_db`` are the standard deviations of the shadowing.
-    The fields from ``divide`` on are functions, or in compiled code their addresses;
-    ``sharing_values`` and ``loss_values`` are the addresses of the components' fields.
+    link of each class carries per hertz, class 0 (none) first. If it is ``flat``, the radii of its
+    classes (``Scene.rings``) are the same on all levels. Its links may be ``marked``
+    (``model.radio.marks``). The fields from ``divide`` on are functions, or in compiled code their
+    addresses; ``sharing_values`` and ``loss_values`` are the addresses of the components' fields.
     """
 
     bandwidth_hz: int
     classes: int
-    levels: int
     flat: int
     efficiencies: Table[int]
-    rings: Table[float]
-    slabs: int
-    terms: Table[float]
-    ranges: Table[float]
-    bounds_m: Table[float]
     carrier_ghz: float
     power_dbm: float
     noise_dbm: float
     marked: int
-    sight: int
-    los_shadow_db: float
-    nlos_shadow_db: float
     sharing_values: int
     loss_values: int
     divide: int
@@ -88,20 +75,6 @@ class TypeRow(Row):
 
 
 @row
-class Change(Row):
-    """The change of a link between a drone and a user to another class.
-
-    ``change`` is the new class if the link rises to it, and minus the new class if it falls to it.
-    Class 0 is no link. With the paper's disc, which has one class, 1 is the entry of a user into
-    the footprint and 0 its exit.
-    """
-
-    t_us: int
-    user: int
-    change: int
-
-
-@row
 class Constants(Row):
     """The constants of a run: those of its world and its settings.
 
@@ -114,23 +87,18 @@ class Constants(Row):
     ``Move.transit`` and ``first_hop`` are as if the first type came first of those that fly from
     cell to cell. Types that fly freely have no moves, and do not use them. ``radios`` are those of
     the types of drones, and then those of the access points ``points``. Rewards divide users among
-    ``sharers``: the drones, and the access points that count. ``groups`` are those of the users by
-    height (see ``Radio``). By service, ``in_bits`` says that requests ask for a volume instead of a
-    time, and ``elastic`` that they share what bandwidth is left. ``expected_requests`` is the
-    number of requests of an episode if all are served at once (see ``scenario.cost``). Senders of
-    the same index modulo ``reuse`` interfere (0: none do). What ``model.radio.air`` needs to know
-    is from ``thresholds_db`` to ``profiles_at``: the thresholds of all radios, of which radio r has
-    those from ``thresholds_at[r]`` on, the heights of users (``heights_m``), and the ``profiles``
-    of all transits. The buildings that block lines of sight are from ``corners_m`` to ``tallest_m``
-    (see ``model.radio.sight.Buildings``): building b has the corners from ``corners_at[b]`` on, and
-    bucket k the buildings ``built`` from ``built_at[k]`` on. For ``trigger_us`` and ``margin_db``
-    see ``rules.association``. ``known`` holds changes of users who stand still
-    (``engine.compiled.standing``). Drones are too near to each other below a distance of
-    ``separation_m`` (0: they have not to keep any); one ``gives_way`` to those with lower indices.
-    ``features`` is the number of features that a learner observes, and ``gamma`` its discount of a
-    step. If drones fly freely, ``spaces`` has an entry for each type; only those of free ones are
-    used. The fields from ``foresee`` on are functions, or in compiled code their addresses;
-    ``reward_values`` and the like are the addresses of the components' fields.
+    ``sharers``: the drones, and the access points that count. By service, ``in_bits`` says that
+    requests ask for a volume instead of a time, and ``elastic`` that they share what bandwidth is
+    left. ``expected_requests`` is the number of requests of an episode if all are served at once
+    (see ``scenario.cost``). Senders of the same index modulo ``reuse`` interfere (0: none do).
+    ``in_air`` says that changes of class are not always those of rings. For ``trigger_us`` and
+    ``margin_db`` see ``rules.association``. ``known`` holds changes of users who stand still
+    (``rules.standing``). Drones are too near to each other below a distance of ``separation_m`` (0:
+    they have not to keep any); one ``gives_way`` to those with lower indices. ``features`` is the
+    number of features that a learner observes, and ``gamma`` its discount of a step. If drones fly
+    freely, ``spaces`` has an entry for each type; only those of free ones are used. ``scene`` is
+    for the kernels of the sky. The fields from ``foresee`` on are functions, or in compiled code
+    their addresses; ``reward_values`` and the like are the addresses of the components' fields.
     """
 
     steps: int
@@ -144,6 +112,7 @@ class Constants(Row):
     services: int
     sharers: int
     reuse: int
+    in_air: int
     trigger_us: int
     margin_db: float
     separation_m: float
@@ -174,18 +143,6 @@ class Constants(Row):
     homes: Table[Place]
     radios: Table[Radio]
     points: Table[Point]
-    groups: Table[int]
-    thresholds_db: Table[float]
-    thresholds_at: Table[int]
-    heights_m: Table[float]
-    profiles: Table[float]
-    profiles_at: Table[int]
-    corners_m: Table[float]
-    corners_at: Table[int]
-    roofs_m: Table[float]
-    built_at: Table[int]
-    built: Table[int]
-    tallest_m: float
     in_bits: Table[int]
     elastic: Table[int]
     expected_requests: float
@@ -194,22 +151,17 @@ class Constants(Row):
     charging_values: int
     mobility_values: int
     features: int
-    buckets_x: int
-    buckets_y: int
-    bucket_x_m: float
-    bucket_y_m: float
     known_at: Table[int]
     known: Table[Change]
     spaces: Table[SpaceRow]
+    scene: Scene
     foresee: int
+    foresee_in_air: int
     foresee_all: int
-    foresee_rings: int
-    find_in_classes: int
-    passes_us: int
-    part: int
-    on_separation: int
-    tally: int
-    must_wait: int
+    better_us: int
+    mark: int
+    meet: int
+    least_m: int
     pay: int
     describe: int
     charged: int

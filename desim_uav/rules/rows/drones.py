@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from desim_uav.rowcode.rows import Queue, Row, Table, row
-from desim_uav.rules.rows.constants import Change
-from desim_uav.rules.rows.flights import Plan, TransitRow
+from desim_uav.rules.rows.flights import Plan
+from desim_uav.sky.rows import Change, TransitRow
 
 
 @row

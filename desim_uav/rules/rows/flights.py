@@ -33,28 +33,6 @@ class Move(Row):
 
 
 @row
-class Piece(Row):
-    """A part of a transit with constant acceleration: time, distance and speed at its start."""
-
-    start_s: float
-    from_m: float
-    speed_mps: float
-    acceleration_mps2: float
-
-
-@row
-class TransitRow(Row):
-    """A flight of a drone from rest to rest (see ``model.motion.motion.Transit``)."""
-
-    duration_us: int
-    distance_m: float
-    rises: float
-    tail_mps: float
-    side_mps: float
-    pieces: Table[Piece]
-
-
-@row
 class Plan(Row):
     """The planned return from a place; its hops are ``Constants.hops[first:end]``."""
 

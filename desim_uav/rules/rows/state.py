@@ -7,72 +7,20 @@ from desim_uav.rowcode.rows import Queue, Row, Table, row
 from desim_uav.rules.rows.drones import Drone, Observation, Pair, Station
 from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.users import Spot, User
-
-
-@row
-class AirTables(Row):
-    """What ``model.radio.air`` knows of drones, and the memory in which it works.
-
-    For ``ways`` (places) to ``looks`` see ``model.radio.scene.Air``. ``held`` are the classes of
-    the links to each sender before a span, ``found`` says where their changes are written
-    (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a pair of levels. ``marks``
-    has ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the
-    memory in which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to
-    ``visited``. In free flight, ``pieces`` has ``Constants.profiles`` and then the profile of each
-    sender, of four rows, which drones in free flight use.
-    """
-
-    ways: Table[float]
-    senders: Table[int]
-    losses: Table[int]
-    radios: Table[float]
-    marks: Table[float]
-    marks_at: Table[int]
-    tracks: Table[float]
-    table: Table[float]
-    bound_db: Table[float]
-    link_words: Table[int]
-    looks: Table[float]
-    held: Table[int]
-    found: Table[int]
-    passed: Table[int]
-    mark_rows: int
-    marks_lost: int
-    flown: Table[float]
-    borders_s: Table[float]
-    visits: Table[float]
-    seen: Table[int]
-    times: Table[float]
-    stretches: Table[float]
-    visited: Table[int]
-    pieces: Table[float]
-    pieces_at: Table[int]
+from desim_uav.sky.rows import Sky
 
 
 @row
 class Look(Row):
-    """The users' walks in the present span of time (only in ``engine.compiled.looking``).
+    """The users' walks in the present span of time.
 
-    They are known until ``walked_us`` if users walk step by step. ``windows``, ``found`` and
-    ``order`` are memory for the changes on a leg, and ``apart`` and ``turns`` for the tracks of two
-    drones and the changes of their distance.
+    If users walk step by step, their walks are known until ``walked_us``. They ``stand`` if they
+    are at home, and do not walk (see ``rules.standing``).
     """
 
-    from_us: int
-    to_us: int
     walked_us: int
-    far_m: float
     stand: int
-    users: Table[float]
-    heads: Table[int]
-    following: Table[int]
-    windows: Table[float]
-    found: Table[int]
-    order: Table[int]
-    apart: Table[float]
-    turns: Table[int]
     walking: Walking
-    air: AirTables
 
 
 @row
@@ -105,11 +53,11 @@ class State(Row):
     distance in the windows that have ended. At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
-    ``history`` holds all commands. In the compiled engine, ``slot_times`` to ``winners`` are the
-    event queue, and ``before`` holds the time and the rows of drones and stations (with their
-    queues) with which the episode began. In free flight, ``aims`` holds what belongs to the
-    commands (``Course.aim_x`` and the four after it), ``flown`` the legs of a step for the log, and
-    ``away_m`` is memory.
+    ``history`` holds all commands. ``sky`` is for the kernels of the sky. In the compiled engine,
+    ``slot_times`` to ``winners`` are the event queue, and ``before`` holds the time and the rows of
+    drones and stations (with their queues) with which the episode began. In free flight, ``aims``
+    holds what belongs to the commands (``Course.aim_x`` and the four after it), ``flown`` the legs
+    of a step for the log, and ``away_m`` is memory.
     """
 
     now_us: int
@@ -174,6 +122,7 @@ class State(Row):
     closed: Queue[Closed]
     handovers: Queue[Handover]
     look: Look
+    sky: Sky
     slot_times: Table[int]
     slot_keys: Table[int]
     winners: Table[int]
