@@ -13,7 +13,7 @@ import pytest
 from desim_uav.engine.audit import audit
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.rules import settle
+from desim_uav.rules import association, settle
 from desim_uav.rules.words import ON_ATTACH
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.load import from_mapping
@@ -322,23 +322,17 @@ def test_the_audit_notices_who_is_admitted_before_all_have_come(monkeypatch: Any
         flown(world, path)
 
 
-def test_the_audit_notices_who_is_handed_back_without_a_reason() -> None:
+def test_the_audit_notices_who_is_handed_back_without_a_reason(monkeypatch: Any) -> None:
     world, path = handed_over()
+    right = association.passes_us
 
-    def watch(engine: Simulation) -> None:
-        passes_us = engine.constants.passes_us
-        if not getattr(passes_us, "false", False):
+    def wrong(*given: Any) -> int:
+        now_us = given[2].now_us
+        return int(now_us + 1) if now_us == 250 * US else int(right(*given))
 
-            def wrong(*given: Any) -> int:
-                now_us = given[2].now_us
-                return int(now_us + 1) if now_us == 250 * US else int(passes_us(*given))
-
-            wrong.false = True  # type: ignore[attr-defined]
-            engine.constants.passes_us = wrong
-        audit(engine)
-
+    monkeypatch.setattr(association, "passes_us", wrong)
     with pytest.raises(AssertionError, match="is handed back after 1 µs"):
-        flown(world, path, watch)
+        flown(world, path)
 
 
 def test_the_audit_notices_two_attachments_in_a_phase() -> None:

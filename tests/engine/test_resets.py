@@ -23,8 +23,8 @@ from tests.engine.helpers import some_command
 OF_THE_LOG = {"records", "point_records"}
 """What a step writes for the log, which is not read before the next step has written it."""
 
-MEMORY = {"look", "away_m", "before", "slot_times", "slot_keys", "winners"}
-"""The memory of the compiled engine, which is derived from the rest or made anew."""
+MEMORY = {"look", "sky", "away_m", "before", "slot_times", "slot_keys", "winners"}
+"""Memory, which is derived from the rest or made anew."""
 
 LEFT_OUT = {
     State: {"drones", *OF_THE_LOG, *MEMORY},
