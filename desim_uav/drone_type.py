@@ -104,6 +104,11 @@ class DroneType(Unchanging):
         return 0 if charging is None else charging.until_full_us(battery, self.capacity_us)
 
     @cached_property
+    def full_charge_us(self) -> int:
+        """The time to charge an empty battery, in microseconds; 0 if batteries are unlimited."""
+        return self.until_full_us(0)
+
+    @cached_property
     def return_below_us(self) -> int:
         """The battery level at or below which a drone may return, in units of the battery."""
         battery = self.drones.battery

@@ -116,9 +116,9 @@ def test_what_needs_one_type_says_which_keys_differ() -> None:
     with pytest.raises(ScenarioError, match=message):
         world.require_one_type("greedy")
     with pytest.raises(ScenarioError, match="needs drones of one type"):
-        _ = world.capacity_us
+        _ = world.only_type.capacity_us
     alike = build_world(loads("drones: [{name: a}, {name: b, count: 1}]"), 0)
-    assert alike.capacity_us == build_world(Scenario(), 0).capacity_us
+    assert alike.only_type.capacity_us == build_world(Scenario(), 0).only_type.capacity_us
 
 
 @pytest.mark.thorough

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from desim_uav.drone_type import DroneType
+from desim_uav.links import Links
 from desim_uav.model.admission import RowAdmission
 from desim_uav.model.energy.battery import RowEnergy
 from desim_uav.model.energy.charging import RowCharging
@@ -33,7 +34,7 @@ from desim_uav.rowcode.components import (
 from desim_uav.rowcode.rows import View
 from desim_uav.rules.rewards import add_up, clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow
-from desim_uav.world import Links, World
+from desim_uav.world import World
 
 
 def _pay(cls: Any, values_at: Any) -> Any:
