@@ -22,7 +22,8 @@ from desim_uav.model.motion.planner import HOPS, Node, Planner
 from desim_uav.model.motion.space import Space, space_of
 from desim_uav.model.motion.wind import flown_along, motion_in, rest_in
 from desim_uav.model.rules import MOVES, US, Choice, actions, free_actions, kind_of
-from desim_uav.scenario.schema import Drones, Scenario, flies_freely
+from desim_uav.scenario.drones import Drones, flies_freely
+from desim_uav.scenario.schema import Scenario
 
 
 @dataclass(frozen=True, eq=False)

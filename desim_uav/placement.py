@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from desim_uav.errors import ScenarioError
 from desim_uav.model.geometry.grid import Cell, Grid, connected
 from desim_uav.model.random.streams import Purpose, Streams
-from desim_uav.scenario.schema import DrawnObstacles, Scenario
+from desim_uav.scenario.map import DrawnObstacles
+from desim_uav.scenario.schema import Scenario
 
 REDRAWS = 100
 """How often a map is drawn anew whose free cells are not connected."""

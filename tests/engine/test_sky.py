@@ -29,7 +29,7 @@ def played(world: World, path: Any, room: int, monkeypatch: Any) -> tuple[Any, i
     right = [action.name for action in world.actions].index("RIGHT") if not world.free else -1
     shown = engine.reset(path)
     while not (shown.terminated or shown.truncated):
-        told = rng.uniform(-1, 1, world.command_numbers).tolist() if world.free else right
+        told = rng.uniform(-1, 1, world.commands.of(0).numbers(0)).tolist() if world.free else right
         shown = engine.step([told])
     return engine.log.events, len(engine.state.sky.changes)
 

@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 from desim_uav.errors import ScenarioError
+from desim_uav.scenario.drones import Drones, DroneType
 from desim_uav.scenario.layout import start_cells
 from desim_uav.scenario.load import dump, from_mapping, json_schema, loads, scenario_hash, to_plain
-from desim_uav.scenario.schema import Drones, DroneType, Scenario
+from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
 BLOCKS = (Path(__file__).parent / "fleet_keys.txt").read_text().split("\n\n")[1:]
