@@ -41,7 +41,7 @@ from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
 from desim_uav.model.geometry import coverage, crossings
 from desim_uav.model.rules import Action
-from desim_uav.rowcode.rows import array_of
+from desim_uav.rowcode.views import array_of
 from desim_uav.rules.rows import Constants, State
 from desim_uav.sample_path import SamplePath, SamplePaths, draw
 from desim_uav.scenario.load import from_mapping

@@ -20,7 +20,8 @@ from desim_uav.model.demand.demand import requests_of
 from desim_uav.model.energy.charging import Charging
 from desim_uav.model.geometry.grid import Cell, Grid, altitudes
 from desim_uav.model.mobility.mobility import walks_of
-from desim_uav.model.mobility.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
+from desim_uav.model.mobility.walking import RowMobility, RowWalks, compiled_walk
+from desim_uav.model.mobility.walks import Area, Walks
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import Planner
 from desim_uav.model.motion.space import require_free

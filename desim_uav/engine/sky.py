@@ -14,7 +14,8 @@ from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.motion.motion import TRAPEZOID
 from desim_uav.model.radio.marks import KINDS, MARK_COLUMNS
 from desim_uav.model.radio.tracks import TRACK_COLUMNS
-from desim_uav.rowcode.rows import Table, blank, held_by, in_memory, is_row, origin_of
+from desim_uav.rowcode.rows import Table, blank, held_by, is_row, origin_of
+from desim_uav.rowcode.views import in_memory
 from desim_uav.sky.rows import Change, Leg, Piece, Rings, Scene, Sky, Turn
 from desim_uav.sky.separation import most_turns
 from desim_uav.world import World

@@ -13,7 +13,7 @@ from desim_uav.errors import did_you_mean
 from desim_uav.model.demand.asking import MOST_BPS, MOST_REQUIRED
 from desim_uav.model.energy.battery import LONGEST_MIN, MOST_CHARGE, in_joules
 from desim_uav.model.geometry.grid import Cell, reachable
-from desim_uav.model.mobility.walking import Area
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.motion.motion import cruise_of, return_transit, transits_over
 from desim_uav.model.motion.wind import motion_in
 from desim_uav.model.rules import US

@@ -15,7 +15,7 @@ import numpy as np
 
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
-from desim_uav.model.mobility.walking import Area
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.services import Volume
 from desim_uav.scenario.drones import flies_freely
 from desim_uav.scenario.epochs import most_epochs

@@ -31,7 +31,7 @@ from desim_uav.rowcode.components import (
     ruled,
     works_on_rows,
 )
-from desim_uav.rowcode.rows import View
+from desim_uav.rowcode.views import View
 from desim_uav.rules.rewards import add_up, clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow
 from desim_uav.world import World

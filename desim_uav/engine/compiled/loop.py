@@ -6,7 +6,7 @@ from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.geometry.coverage import LEG, leg_near, walked
-from desim_uav.model.mobility.walking import LEG_COLUMNS
+from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.rowcode.compiled_rows import as_array
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule, stands_in_for
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads

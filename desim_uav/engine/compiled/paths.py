@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.demand.asking import ManyRequests, Requests
-from desim_uav.model.mobility.walking import ManyRowWalks, RowWalks, Walks
+from desim_uav.model.mobility.walking import ManyRowWalks, RowWalks
+from desim_uav.model.mobility.walks import Walks
 from desim_uav.rowcode.kernels import kernel
 from desim_uav.rowcode.rows import Words
 from desim_uav.rowcode.rows import place as place_of

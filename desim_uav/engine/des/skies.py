@@ -9,10 +9,11 @@ import numpy as np
 
 from desim_uav.engine.air import Room
 from desim_uav.engine.sky import enlarged, scene_of, sky_of
-from desim_uav.model.mobility.walking import Walks
+from desim_uav.model.mobility.walks import Walks
 from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.marks import compiled_chance
-from desim_uav.rowcode.rows import address, in_memory, place
+from desim_uav.rowcode.rows import address, place
+from desim_uav.rowcode.views import in_memory
 from desim_uav.sky import links
 from desim_uav.sky.foresee import foresee_discs, foresee_rings
 from desim_uav.sky.rows import Sky

@@ -28,19 +28,8 @@ from desim_uav.rowcode.components import (
     ruled,
 )
 from desim_uav.rowcode.kernels import rule
-from desim_uav.rowcode.rows import (
-    Row,
-    Table,
-    View,
-    Words,
-    attach,
-    blank,
-    bound,
-    fill,
-    packed,
-    place,
-    row,
-)
+from desim_uav.rowcode.rows import Row, Table, Words, attach, blank, bound, fill, packed, place, row
+from desim_uav.rowcode.views import View
 
 DUE_US, SERVICE, REQUIRED_US, BANDWIDTH_BPS = range(4)
 """The columns of a table of requests (see ``Requests``)."""

@@ -7,7 +7,8 @@ from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
 
-from desim_uav.model.mobility.walking import Area, RowMobility, Start, go_to, later, stay
+from desim_uav.model.mobility.walking import RowMobility, Start, go_to, later, stay
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.random.distributions import (
     SpeedRange,
     ascending,
