@@ -22,7 +22,7 @@ from desim_uav.model.state import Observation, Snapshot, observation_of, snapsho
 from desim_uav.rules import requests, wide
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
-from desim_uav.rules.rows import Closed
+from desim_uav.rules.rows import Closed, Event
 from desim_uav.rules.whole_state import names_of, write_state
 from desim_uav.rules.words import EVENT_KINDS, NEVER, OF_PAIRS, ON_LEG, OVERBOOKED, TOO_LARGE
 from desim_uav.sample_path import SamplePath
@@ -218,7 +218,7 @@ class Engine(CarryOver):
         if state.terminated or state.truncated:
             self._end_log()
 
-    def _leg(self, event: Any) -> base.FlownLeg:
+    def _leg(self, event: Event) -> base.FlownLeg:
         """Return the leg that an event of kind ON_LEG describes."""
         mode, drone = MODES[event.phase], event.drone
         if mode is Mode.CRASHED:

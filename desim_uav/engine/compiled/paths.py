@@ -30,8 +30,8 @@ class Section(NamedTuple):
     """
 
     parts: list[NDArray[Any]]
-    begins: Any
-    counts: Any
+    begins: NDArray[np.int64] | int
+    counts: NDArray[np.int64] | int
 
 
 NOTHING = Section([], 0, 0)

@@ -14,6 +14,7 @@ from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.marks import compiled_chance
 from desim_uav.rowcode.rows import address, place
 from desim_uav.rowcode.views import in_memory
+from desim_uav.rules.rows import State
 from desim_uav.sky import links
 from desim_uav.sky.foresee import foresee_discs, foresee_rings
 from desim_uav.sky.rows import Sky
@@ -36,13 +37,13 @@ class Skies:
         """Return a sky for a new state."""
         return in_memory(sky_of(self.world, self._room))
 
-    def begin(self, state: Any, walks: Walks) -> None:
+    def begin(self, state: State, walks: Walks) -> None:
         """Make room for the legs of these walks."""
         most_legs = int(np.diff(walks.offsets).max(initial=0))
         if self.world.marked and most_legs > self._room.legs:
             self._enlarge(state, self._room._replace(legs=most_legs))
 
-    def _enlarge(self, state: Any, room: Room) -> None:
+    def _enlarge(self, state: State, room: Room) -> None:
         state.sky, self._room = enlarged(state.sky, self.world, room), room
 
     def set_functions(self, constants: Any, state: Callable[[], Any]) -> None:

@@ -29,13 +29,14 @@ from desim_uav.model.mobility.walks import (
     walk_by,
 )
 from desim_uav.model.naming import naming
-from desim_uav.model.random.streams import FAR_US, Streams
+from desim_uav.model.random.streams import FAR_US, Stream, Streams
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.compiled_registers import held, put_back
 from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of, pointer_to
 from desim_uav.rowcode.components import (
     Compiled,
     Function,
+    Values,
     call_at,
     compiled_or_none,
     over_rows,
@@ -75,7 +76,9 @@ class RowMobility:
     plain: ClassVar = ("walks",)
     """The methods of which a subclass overrides one if it makes whole tables of legs."""
 
-    def begin(self, walker: Any, user: int, homes: Any, streams: Any, area: Any) -> None:
+    def begin(
+        self, walker: Walker, user: int, homes: Table[float], streams: Table[int], area: Area
+    ) -> None:
         """Put a user where it is at time 0, which is at home if this is not overridden.
 
         Write ``walker.x_m`` and ``y_m``, and what the model remembers; the user's random stream
@@ -83,7 +86,7 @@ class RowMobility:
         ``streams`` the four words with which its random stream begins, from 4 u on.
         """
 
-    def next_leg(self, walker: Any, stream: Any, area: Any) -> None:
+    def next_leg(self, walker: Walker, stream: Stream, area: Area) -> None:
         """Let a user walk its next leg, from where it is at ``walker.t_us``.
 
         Write the leg's velocity to ``walker.vx_mps`` and ``vy_mps``, its end to ``x_m``, ``y_m``
@@ -125,14 +128,14 @@ def later(t_us: int, seconds: float) -> int:
 
 
 @rule
-def stay(walker: Any, until_us: int) -> None:
+def stay(walker: Walker, until_us: int) -> None:
     """Let a user stand still until a time."""
     walker.vx_mps = walker.vy_mps = 0.0
     walker.t_us = until_us
 
 
 @rule
-def go_to(walker: Any, x_m: float, y_m: float, speed_mps: float) -> None:
+def go_to(walker: Walker, x_m: float, y_m: float, speed_mps: float) -> None:
     """Let a user walk straight to a place on the map, at a speed above 0."""
     away_x_m, away_y_m = x_m - walker.x_m, y_m - walker.y_m
     far_m = math.sqrt(away_x_m * away_x_m + away_y_m * away_y_m)
@@ -140,7 +143,7 @@ def go_to(walker: Any, x_m: float, y_m: float, speed_mps: float) -> None:
 
 
 @rule
-def go_until(walker: Any, x_m: float, y_m: float, until_us: int) -> None:
+def go_until(walker: Walker, x_m: float, y_m: float, until_us: int) -> None:
     """Let a user walk straight to a place on the map, where it arrives at a time."""
     lasts_us = until_us - walker.t_us
     walker.vx_mps = (x_m - walker.x_m) / (lasts_us * 1e-6)
@@ -150,7 +153,7 @@ def go_until(walker: Any, x_m: float, y_m: float, until_us: int) -> None:
 
 
 @rule
-def go_on(walker: Any, area: Any, until_us: int) -> None:
+def go_on(walker: Walker, area: Area, until_us: int) -> None:
     """Let a user walk on at its velocity until a time, or until it reaches the edge of the map.
 
     If it is at the edge and would leave the map, it is reflected first.
@@ -165,7 +168,7 @@ def go_on(walker: Any, area: Any, until_us: int) -> None:
 
 
 @rule
-def _go_to_wall(walker: Any, area: Any, x: float, y: float, lasts_us: int) -> None:
+def _go_to_wall(walker: Walker, area: Area, x: float, y: float, lasts_us: int) -> None:
     """Let a user who is on the way from (x, y) to the edge of the map, or past it, stop there."""
     vx, wall_x, hit_us = _next_wall(x, walker.vx_mps, area.width_m, lasts_us)
     vy, wall_y, hit_us = _next_wall(y, walker.vy_mps, area.depth_m, hit_us)
@@ -209,7 +212,7 @@ def walking_of(mobility: Any) -> Any:
     return row(type("Walking", (Row,), {"__annotations__": kinds}))
 
 
-def _around(cls: Any, values_at: Any) -> Any:
+def _around(cls: Any, values_at: Values) -> Any:
     """Return the function ``walk`` of a class of models (see ``Function.around``)."""
     walk_on = ruled(walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back))
     begin_all, words = ruled(begin_by(ruled(cls.begin))), remembering(Walker, cls).words

@@ -94,7 +94,9 @@ class Walking(Row):
 def begin_by(begin: Callable[..., None]) -> Callable[..., None]:
     """Return a function that puts all users where they are at time 0."""
 
-    def begin_all(mobility: Any, walking: Any, homes: Any, streams: Any) -> None:
+    def begin_all(
+        mobility: object, walking: Walking, homes: Table[float], streams: Table[int]
+    ) -> None:
         walking.begun = 1
         area = Area(walking.width_m, walking.depth_m)
         for user in range(len(walking.walkers)):
@@ -118,7 +120,7 @@ def walk_by(
     a copy of each walker (``held``), which is in registers.
     """
 
-    def walk(mobility: Any, walking: Any, start_us: int, end_us: int) -> None:
+    def walk(mobility: object, walking: Walking, start_us: int, end_us: int) -> None:
         area = Area(walking.width_m, walking.depth_m)
         first_us = min(start_us + 1, walking.horizon_us)
         last_us = min(end_us + 1, walking.horizon_us)
@@ -152,7 +154,7 @@ def walk_by(
 
 
 @rule
-def _leads_on(walker: Any, area: Any) -> Any:
+def _leads_on(walker: Walker, area: Area) -> Any:
     """Return whether a leg's velocity leads to its end, and this is on the map."""
     lasts_us = walker.t_us - walker.from_us
     apart_m = abs(walker.from_x_m + walker.vx_mps * lasts_us * 1e-6 - walker.x_m)
@@ -164,7 +166,7 @@ def _leads_on(walker: Any, area: Any) -> Any:
     )
 
 
-def misstep(mobility: Any, walking: Any) -> SimulationError:
+def misstep(mobility: object, walking: Any) -> SimulationError:
     """Return the error of an invalid leg: it takes no time, leaves the map or misses its end."""
     user = walking.lost - 1
     walker = walking.walkers[user]
@@ -181,7 +183,7 @@ def misstep(mobility: Any, walking: Any) -> SimulationError:
     return SimulationError(f"users.mobility: {kind_of(mobility)!r}: {problem}")
 
 
-def off_map(x_m: Any, y_m: Any, area: Any) -> Any:
+def off_map(x_m: Any, y_m: Any, area: Area) -> Any:
     """Return whether places are off the map, by more than rounding."""
     on_map = (x_m >= -STRAY_M) & (x_m <= area.width_m + STRAY_M)
     on_map &= (y_m >= -STRAY_M) & (y_m <= area.depth_m + STRAY_M)
