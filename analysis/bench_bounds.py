@@ -15,10 +15,10 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 
+from desim_uav.disk import write_at
 from desim_uav.experiment.bench.bounds import COLUMNS, compute, has_bound, kept
 from desim_uav.experiment.bench.tasks import TRACKS, Task, Track, find_task, tasks
 from desim_uav.experiment.processes import run_each
-from desim_uav.run_folder import write_at
 from desim_uav.shipped import bench_folder
 
 Key = tuple[str, str, int]

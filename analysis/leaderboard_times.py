@@ -8,7 +8,7 @@ import resource
 from collections.abc import Mapping
 from pathlib import Path
 
-from desim_uav.run_folder import write_at
+from desim_uav.disk import write_at
 
 NAME = "leaderboard_times.csv"
 

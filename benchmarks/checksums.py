@@ -11,8 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from desim_uav.checksums import verify
+from desim_uav.parquet_file import read_table
 from desim_uav.records import TABLES
-from desim_uav.run_folder import read_table
 
 TIMES = 5
 

@@ -22,7 +22,8 @@ from desim_uav.model.motion.planner import HOPS, Node, Planner
 from desim_uav.model.motion.space import Space, space_of
 from desim_uav.model.motion.wind import flown_along, motion_in, rest_in
 from desim_uav.model.rules import MOVES, US, Choice, actions, free_actions, kind_of
-from desim_uav.scenario.schema import Drones, Scenario, flies_freely
+from desim_uav.scenario.drones import Drones, flies_freely
+from desim_uav.scenario.schema import Scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +103,11 @@ class DroneType(Unchanging):
         """Return the time to charge a battery that holds so much, in microseconds."""
         charging = self.scenario.charging
         return 0 if charging is None else charging.until_full_us(battery, self.capacity_us)
+
+    @cached_property
+    def full_charge_us(self) -> int:
+        """The time to charge an empty battery, in microseconds; 0 if batteries are unlimited."""
+        return self.until_full_us(0)
 
     @cached_property
     def return_below_us(self) -> int:

@@ -145,7 +145,7 @@ STEPS = Columns(
     action_taken=(TEXT, "The action that was taken. It differs if the command was masked."),
     attached_users=(INT, "How many users are attached to the drone."),
     served_requests=(INT, "How many requests the drone is serving."),
-    bandwidth_kbps=(FLOAT, "The bandwidth in use at the drone, in kHz (kbit/s at 1 bit/s/Hz)."),
+    bandwidth_khz=(FLOAT, "The bandwidth in use at the drone, in kHz."),
     n_b_s=(
         FLOAT,
         "The battery, in seconds of flight, that the quickest return to a charging station takes "
@@ -167,7 +167,7 @@ POINTS = Columns(
     ),
     attached_users=(INT, "How many users are attached to the access point."),
     served_requests=(INT, "How many requests the access point is serving."),
-    bandwidth_kbps=(FLOAT, "The bandwidth in use at the access point, in kHz."),
+    bandwidth_khz=(FLOAT, "The bandwidth in use at the access point, in kHz."),
 )
 
 LINKS = Columns(

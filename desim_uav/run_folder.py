@@ -2,48 +2,39 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import os
 import re
 import shutil
-import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from datetime import datetime
-from itertools import islice, takewhile
+from itertools import takewhile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from desim_uav.checksums import SUMS, of_files, verify
+from desim_uav.disk import followed, sync, sync_folder
 from desim_uav.errors import (
     DesimError,
     PolicyError,
     ScenarioError,
     UsageError,
-    did_you_mean,
-    in_short,
 )
-from desim_uav.records import TABLES, Columns, arrow_schema, misfit
-from desim_uav.rowcode.regular_file import lock_file, new_file
+from desim_uav.lock import held
+from desim_uav.parquet_file import as_arrow, parquet_writer
+from desim_uav.rowcode.regular_file import new_file
 
 if TYPE_CHECKING:
     import pandas as pd
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
     from desim_uav.scenario.schema import Scenario
     from desim_uav.world import World
 
-LONGEST_NAME = 200
-HOLDER = "process"
-"""The first word in each of our lock files, by which they are told from other files."""
 
-fcntl: Any = None
-with suppress(ImportError):
-    import fcntl
+LONGEST_NAME = 200
 
 
 class Draft:
@@ -62,7 +53,7 @@ class Draft:
                 rows = as_arrow(name, frame)
                 if name not in writers:
                     file = files.enter_context(self._new_file(f"{name}.parquet"))
-                    writers[name] = files.enter_context(_writer(file, rows.schema))
+                    writers[name] = files.enter_context(parquet_writer(file, rows.schema))
                 with self._complaining(f"{name}.parquet"):
                     writers[name].write_table(rows)
 
@@ -91,7 +82,7 @@ class Draft:
     def _new_file(self, name: str) -> Iterator[IO[bytes]]:
         with self._complaining(name), new_file(self.path / name) as file:
             yield file
-            _sync(file)
+            sync(file)
 
     @contextmanager
     def _complaining(self, name: str) -> Iterator[None]:
@@ -101,64 +92,6 @@ class Draft:
             raise DesimError(
                 f"cannot write {name} to {self.path.parent}: {error.strerror or error}"
             ) from error
-
-
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Lock a folder, which need not exist yet; the lock ends with its process.
-
-    Raises UsageError, which names the process, if another process holds the lock.
-    """
-    if fcntl is None:  # a system without such locks
-        yield
-        return
-    file = folder.absolute().parent / f".{folder.absolute().name}.lock"
-    with _locked(file, folder) as own:
-        try:
-            own.truncate(0)
-            who = f"{HOLDER} {os.getpid()}, since {datetime.now():%H:%M:%S}"
-            with suppress(OSError):  # the disk is full: it holds all the same, without a name
-                own.write(who.encode())
-            yield
-        finally:
-            file.unlink(missing_ok=True)
-
-
-@contextmanager
-def _locked(file: Path, folder: Path) -> Iterator[IO[bytes]]:
-    while True:
-        with ExitStack() as opened:
-            try:
-                own = opened.enter_context(lock_file(file, HOLDER.encode()))
-            except (OSError, ValueError) as error:
-                raise _no_lock(file, folder, error) from error
-            try:
-                fcntl.flock(own, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                who = own.read(200).decode(errors="replace") or "another process"
-                raise UsageError(f"{folder}: {in_short(who)} is writing to it") from None
-            except OSError:  # a file system without locks
-                yield own
-                return
-            if _is_still(file, own):
-                yield own
-                return
-
-
-def _no_lock(file: Path, folder: Path, error: OSError | ValueError) -> UsageError:
-    """Return what to say of a lock file that cannot be used."""
-    if not os.path.lexists(file):
-        return UsageError(f"cannot write to {folder.parent}: {getattr(error, 'strerror', error)}")
-    reason = "it is a link" if file.is_symlink() else getattr(error, "strerror", None) or error
-    return UsageError(f"{folder} cannot be locked with {file}: {reason}; remove or rename it")
-
-
-def _is_still(file: Path, own: IO[bytes]) -> bool:
-    """Return whether the lock file is still the one that was opened, and not removed since."""
-    try:
-        return file.stat().st_ino == os.fstat(own.fileno()).st_ino
-    except FileNotFoundError:
-        return False
 
 
 class Place:
@@ -210,7 +143,7 @@ class Place:
         candidates = self._candidates()
         while not self._moved(draft, candidate := next(candidates)):
             pass
-        _sync_folder(self.parent)
+        sync_folder(self.parent)
         return self.out or candidate
 
     def _moved(self, draft: Draft, candidate: Path) -> bool:
@@ -240,7 +173,7 @@ class Replaced(Place):
     def __init__(self, folder: Path) -> None:
         """Raise UsageError if the folder cannot be replaced."""
         try:
-            self.target = _followed(folder)
+            self.target = followed(folder)
             if self.target == Path.cwd() or self.target.is_mount():
                 raise UsageError(f"{folder}: this folder cannot be replaced")
         except OSError as error:
@@ -266,113 +199,6 @@ class Replaced(Place):
         return True
 
 
-def parquet(name: str, frame: pd.DataFrame) -> bytes:
-    """Return one of ``TABLES`` as the bytes of a Parquet file."""
-    import pyarrow as pa
-
-    file = pa.BufferOutputStream()
-    rows = as_arrow(name, frame)
-    with _writer(file, rows.schema) as writer:
-        writer.write_table(rows)
-    return bytes(file.getvalue())
-
-
-def _writer(file: Any, schema: pa.Schema) -> pq.ParquetWriter:
-    """Return a writer with page checksums, so that later damage is noticed."""
-    import pyarrow.parquet as pq
-
-    return pq.ParquetWriter(file, schema, write_page_checksum=True)
-
-
-def as_arrow(name: str, frame: pd.DataFrame) -> pa.Table:
-    """Return a frame as an Arrow table, with the metadata that pandas needs."""
-    import pyarrow as pa
-
-    schema = arrow_schema(TABLES[name].among(frame.columns))
-    return pa.Table.from_pandas(frame, schema, preserve_index=False)
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file completely, or leave the old one: a new file replaces it in one step.
-
-    Raises DesimError if the file cannot be written.
-    """
-    beside = path.with_name(f".{path.name}-{uuid.uuid4().hex}")
-    try:
-        with new_file(beside) as file:
-            file.write(content)
-            _sync(file)
-        beside.replace(path)
-    except OSError as error:
-        raise DesimError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):
-            beside.unlink()
-    _sync_folder(path.parent)
-
-
-def no_such(folder: Path, what: str) -> PolicyError:
-    """Return the error that a folder is not there, with the nearest name beside it."""
-    with suppress(OSError):
-        beside = [path.name for path in islice(folder.parent.iterdir(), 10_000) if path.is_dir()]
-        return PolicyError(f"{folder}: no such {what}{did_you_mean(folder.name, beside)}")
-    return PolicyError(f"{folder}: no such {what}")
-
-
-def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame:
-    """Read a table of a finished run.
-
-    Raises PolicyError, which names the file, if it is missing or unreadable, has changed since it
-    was written, or if a column is missing or has another type.
-    """
-    import pandas as pd
-
-    return pd.concat(read_parts(folder, name, columns), ignore_index=True)
-
-
-def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.DataFrame]:
-    """Yield a table of a finished run by row groups, at least one. Raises as ``read_table``."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    file = folder / f"{name}.parquet"
-    try:
-        if not folder.is_dir():
-            raise no_such(folder, "run folder")
-        if not file.is_file():
-            raise PolicyError(f"{file}: no such table; is {folder} a run folder?")
-        verify(file)
-        whole = file.absolute()  # "a:b/c" would be taken for a URI
-        with pq.ParquetFile(whole, page_checksum_verification=True) as parquet_file:
-            groups = range(parquet_file.num_row_groups)
-            for rows in ([group] for group in groups) if groups else ([],):
-                table = parquet_file.read_row_groups(rows)
-                problem = misfit(columns, table)
-                if problem is not None:
-                    raise PolicyError(f"{file}: {problem}")
-                yield as_frame(table, columns)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        reason = str(error).partition("\n")[0]
-        raise PolicyError(f"{file}: not a readable Parquet file: {reason}") from error
-
-
-def as_written(name: str, frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a frame of one of ``TABLES`` as it is after it was written and read."""
-    return as_frame(as_arrow(name, frame), TABLES[name])
-
-
-def as_frame(table: pa.Table, columns: dict[str, str]) -> pd.DataFrame:
-    """Return a frame; the file's own metadata for pandas, which has no checksum, is ignored."""
-    import pandas as pd
-
-    frame = table.to_pandas(ignore_metadata=True)
-    if isinstance(columns, Columns):
-        columns = columns.among(table.column_names)
-    for name in (name for name, dtype in columns.items() if dtype == "Int64"):
-        frame[name] = table[name].to_pandas(types_mapper=lambda _: pd.Int64Dtype())
-    return frame
-
-
 def read_scenario(folder: Path) -> Scenario:
     """Read the scenario of a run. Raises PolicyError, which names the file, if it cannot."""
     from desim_uav.scenario.load import load
@@ -383,48 +209,6 @@ def read_scenario(folder: Path) -> Scenario:
         return load(file)
     except ScenarioError as error:
         raise PolicyError(error.problems[0]) from error
-
-
-def file_place(out: Path, option: str = "") -> Path:
-    """Return the place of a file to be written, with links followed. Nothing is made yet.
-
-    ``option`` names the option in messages. Raises UsageError if no file can be written there.
-    """
-    named = f"{option} {out}".strip()
-    try:
-        place = _followed(out)
-        if place.exists() and not place.is_file():
-            raise UsageError(f"{named}: exists and is not a file")
-        try_writing(next(folder for folder in place.parents if folder.exists()))
-    except OSError as error:
-        reason = error.strerror or error
-        raise UsageError(f"{named}: the folder cannot be written to: {reason}") from error
-    return place
-
-
-def write_at(place: Path, content: bytes) -> None:
-    """Write a file in its place, and make its folders if they do not exist.
-
-    Raises DesimError if that fails; then new folders are removed again.
-    """
-    new = [folder for folder in place.parents if not folder.exists()]
-    try:
-        try:
-            place.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise DesimError(f"cannot write {place}: {error.strerror or error}") from error
-        write_whole(place, content)
-    except BaseException:
-        for folder in new:
-            with suppress(OSError):  # somebody else's file is in it
-                folder.rmdir()
-        raise
-
-
-def try_writing(folder: Path) -> None:
-    """Raise OSError if no file can be made in a folder, independently of its permissions."""
-    with tempfile.TemporaryFile(dir=folder):
-        pass
 
 
 def world_content(world: World) -> dict[str, Any]:
@@ -454,7 +238,7 @@ def world_hash(world: World) -> str:
 def _vacant(out: Path) -> Path:
     """Return the target of ``--out``, with links followed. Raises UsageError if it is taken."""
     try:
-        target = _followed(out)
+        target = followed(out)
         if target.exists():
             if not target.is_dir():
                 raise UsageError(f"--out {out}: exists and is not a folder")
@@ -469,31 +253,3 @@ def _vacant(out: Path) -> Path:
     except OSError as error:
         raise UsageError(f"--out {out}: {error.strerror or error}") from error
     return target
-
-
-def _followed(path: Path) -> Path:
-    """Return a path with links followed. Raises OSError if they lead in a circle."""
-    circle = OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
-    try:
-        target = path.resolve()
-    except RuntimeError as error:  # Python up to 3.12
-        raise circle from error
-    if target.is_symlink():  # later versions leave the circle as it is
-        raise circle
-    return target
-
-
-def _sync(file: IO[bytes]) -> None:
-    """Have the system write a file to the disk."""
-    file.flush()
-    os.fsync(file.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the new name durable, if the system can."""
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

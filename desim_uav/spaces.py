@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from desim_uav.model.geometry.grid import altitudes
 from desim_uav.model.observations import Feature, common_features
 from desim_uav.model.state import Facts
-from desim_uav.scenario.schema import DrawnObstacles
+from desim_uav.scenario.map import DrawnObstacles
 from desim_uav.world import World
 
 Mask = tuple[bool, ...]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,61 +14,29 @@ from desim_uav.commands import Commands, commands_for
 from desim_uav.copies import Unchanging
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
+from desim_uav.links import Links, links_of
 from desim_uav.model.demand.asking import Requests, RowDemand, RowDraws
 from desim_uav.model.demand.demand import requests_of
 from desim_uav.model.energy.charging import Charging
-from desim_uav.model.geometry.grid import Cell, Grid, altitudes, connected
+from desim_uav.model.geometry.grid import Cell, Grid, altitudes
 from desim_uav.model.mobility.mobility import walks_of
-from desim_uav.model.mobility.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
+from desim_uav.model.mobility.walking import RowMobility, RowWalks, compiled_walk
+from desim_uav.model.mobility.walks import Area, Walks
 from desim_uav.model.motion.motion import Transit
-from desim_uav.model.motion.planner import Node, Planner
+from desim_uav.model.motion.planner import Planner
 from desim_uav.model.motion.space import require_free
 from desim_uav.model.observations import Feature
-from desim_uav.model.radio.link import thresholds_db
-from desim_uav.model.random.streams import Purpose, Seeds, Streams, states_of
+from desim_uav.model.random.streams import Purpose, Seeds, states_of
 from desim_uav.model.rules import US, Choice
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
+from desim_uav.placement import draw_buildings, draw_clusters, draw_homes
 from desim_uav.registry import naming_plug_ins
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.scenario import cost, layout
 from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.facts import Pairs, as_html, as_text
-from desim_uav.scenario.schema import DrawnObstacles, Scenario
-
-REDRAWS = 100
-PLACEMENTS = 10_000
-
-
-class Links(NamedTuple):
-    """The links of a radio: its bandwidth in Hz (a whole number or inf), and its rings.
-
-    ``rings_m`` (levels, groups, classes) has the radii of classes in metres, the widest first: by
-    the levels at which its antenna can be, and by the groups of users (see ``World.groups``). If
-    links are sought ``in_air``, changes of their classes or levels are not always those of rings.
-    ``free``: whether the drones that have it fly freely, at any altitude between the levels.
-    """
-
-    radio: Any
-    bandwidth_hz: float
-    rings_m: NDArray[np.float64]
-    in_air: bool
-    free: bool = False
-
-    @property
-    def efficiencies(self) -> tuple[int, ...]:
-        """The millionths of a bit/s per Hz of each class, class 0 (none) first."""
-        return (0, *self.radio.efficiencies())
-
-    @property
-    def reach_m(self) -> float:
-        """The radius of the widest class in metres; a micrometre if none holds anywhere."""
-        return max(float(self.rings_m.max()), 1e-6)
-
-    @property
-    def thresholds_db(self) -> list[float]:
-        """The least signal-to-noise ratio of each class from 1 on in dB; none of a disc."""
-        return thresholds_db(self.radio.ladder).tolist() if self.radio.graded else []
+from desim_uav.scenario.schema import Scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,26 +309,7 @@ class World(Unchanging):
     @cached_property
     def links(self) -> tuple[Links, ...]:
         """The links of each type of drones, and then those of each access point."""
-        scenario, groups_m = self.scenario, self._groups[0]
-        by_level = bool(scenario.association.by_level)
-        antennas = [
-            (drones.radio, drones.bandwidth_kbps, drones.footprint_radius_m, self.grid.levels_m)
-            for drones in scenario.fleet
-        ]
-        points = scenario.access_points
-        antennas += [(point.radio, None, 0.0, (point.height_m,)) for point in points]
-        free = [own.free for own in self.types] + [False] * len(points)
-        made = []
-        for (radio, kbps, disc_m, antennas_m), is_free in zip(antennas, free, strict=True):
-            radii_m = [
-                [radio.radii_m(antenna_m - user_m, disc_m) for user_m in groups_m]
-                for antenna_m in antennas_m
-            ]
-            changes = len(antennas_m) > 1 or radio.reuse > 0 or by_level or radio.marked
-            in_air = bool(radio.graded and changes)
-            hz = radio.bandwidth_hz(kbps)
-            made.append(Links(radio, hz, np.array(radii_m), in_air, is_free))
-        return tuple(made)
+        return links_of(self.scenario, self.types, self.grid.levels_m, self.heights_m)
 
     @property
     def groups(self) -> NDArray[np.int64]:
@@ -417,15 +365,6 @@ class World(Unchanging):
         """How the stations charge; None if batteries are unlimited."""
         return self.scenario.charging
 
-    def until_full_us(self, battery: int) -> int:
-        """Return the time to charge a battery that holds so much, in microseconds."""
-        return self.only_type.until_full_us(battery)
-
-    @cached_property
-    def full_charge_us(self) -> int:
-        """The time to charge an empty battery, in microseconds; 0 if batteries are unlimited."""
-        return self.until_full_us(0)
-
     @property
     def in_joules(self) -> bool:
         """Whether some batteries are measured in microjoules, and not in time."""
@@ -435,59 +374,6 @@ class World(Unchanging):
     def all_in_joules(self) -> bool:
         """Whether the batteries of all drones are measured in microjoules."""
         return all(each.in_joules for each in self.types)
-
-    # ---- what all drones have in common, if they are of one type
-
-    @property
-    def capacity_us(self) -> int:
-        """The capacity of a battery in units of the energy model; 0 if it is unlimited."""
-        return self.only_type.capacity_us
-
-    @property
-    def full_us(self) -> int:
-        """The charge at which a battery counts as full, in units of the energy model."""
-        return self.only_type.full_us
-
-    @property
-    def per_second(self) -> int:
-        """How many units of its battery a drone takes in a second of hovering."""
-        return self.only_type.per_second
-
-    @property
-    def return_below_us(self) -> int:
-        """The battery level at or below which a drone may return, in units of the battery."""
-        return self.only_type.return_below_us
-
-    @property
-    def respawn_after_us(self) -> int:
-        """The least time from a crash to the drone's replacement, in microseconds."""
-        return self.only_type.respawn_after_us
-
-    @property
-    def on_crash(self) -> str:
-        """What happens after a crash: respawn, remove or end_episode."""
-        return self.only_type.on_crash
-
-    @property
-    def epoch_transits(self) -> dict[Choice, Transit]:
-        """The transit that each moving action commands."""
-        return self.only_type.epoch_transits
-
-    @property
-    def return_transits(self) -> dict[Node, Transit]:
-        """The transit of each hop (dx, dy, dlevel) of a return."""
-        return self.only_type.return_transits
-
-    @property
-    def planner(self) -> Planner:
-        """The planner of returns to the stations."""
-        return self.only_type.planner
-
-    @property
-    def bandwidth_hz(self) -> float:
-        """The bandwidth of a drone in Hz, a whole number or inf."""
-        number = self.types.index(self.only_type)
-        return self.links[number].bandwidth_hz
 
 
 def _cells(cells: Sequence[Cell], most: int = 8) -> str:
@@ -505,7 +391,7 @@ def build_world(scenario: Scenario, seed: int) -> World:
     """
     cost.check_cost(scenario)
     stations, starts = layout.station_cells(scenario), layout.start_cells(scenario)
-    height_m = _draw_buildings(scenario, seed, {*stations, *starts})
+    height_m = draw_buildings(scenario, seed, {*stations, *starts})
     levels = scenario.map.levels
     levels_m: tuple[float, ...] = (levels.min_altitude_m,)
     under_ceiling = 1
@@ -515,8 +401,8 @@ def build_world(scenario: Scenario, seed: int) -> World:
         )
     width_m, depth_m = scenario.map.size_m
     grid = Grid(width_m, depth_m, height_m, levels_m, levels.step_m, under_ceiling)
-    clusters = _draw_clusters(scenario, seed)
-    homes = _draw_homes(scenario, seed, grid, clusters)
+    clusters = draw_clusters(scenario, seed)
+    homes = draw_homes(scenario, seed, grid, clusters)
     world = World(scenario, seed, grid, tuple(stations), tuple(starts), clusters, homes)
     _check_spaces(world)
     return world
@@ -536,111 +422,3 @@ def _check_spaces(world: World) -> None:
         except ValueError as error:
             where = ".".join(map(str, key))
             raise ScenarioError(f"{where}.motion: space: free: {error}") from error
-
-
-def _draw_buildings(scenario: Scenario, seed: int, kept_free: set[Cell]) -> NDArray[np.float64]:
-    """Draw the tallest building of each cell (nx, ny) until the free cells are connected."""
-    obstacles = scenario.map.obstacles
-    height_m = np.zeros(scenario.map.cells)
-    if obstacles is None or not scenario.three_d:
-        return height_m
-    if not isinstance(obstacles, DrawnObstacles):
-        for ix, iy, height in obstacles.cells:
-            height_m[ix, iy] = height
-        return height_m
-    rng = Streams(seed, Purpose.WORLD).generator(0)
-    for _ in range(1 + REDRAWS):
-        height_m = _draw_squares(scenario, obstacles, rng)
-        for cell in kept_free:
-            height_m[cell] = 0.0
-        if connected((height_m > 0.0) & (height_m >= scenario.map.levels.min_altitude_m)):
-            return height_m
-    raise ScenarioError(
-        f"map.obstacles: none of {1 + REDRAWS} drawn maps (world seed {seed}) leaves the free "
-        f"cells connected at the lowest level; lower map.obstacles.coverage"
-    )
-
-
-def _draw_squares(
-    scenario: Scenario, obstacles: DrawnObstacles, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Draw building squares without replacement on their own grid, and map them to cells."""
-    width_m, depth_m = scenario.map.size_m
-    nx, ny = scenario.map.cells
-    square_x = obstacles.square_m or width_m / nx
-    square_y = obstacles.square_m or depth_m / ny
-    columns, rows = math.ceil(width_m / square_x - 1e-9), math.ceil(depth_m / square_y - 1e-9)
-    fraction = rng.uniform(*obstacles.coverage)
-    count = round(fraction * columns * rows)
-    squares = rng.choice(columns * rows, size=count, replace=False)
-    heights = rng.uniform(*obstacles.height_m, size=count)
-    height_m = np.zeros((nx, ny))
-    if obstacles.square_m is None:  # a square is a cell
-        height_m[np.divmod(squares, rows)] = heights
-        return height_m
-    for square, height in zip(squares.tolist(), heights.tolist(), strict=True):
-        column, row = divmod(square, rows)
-        xs = _overlapped(column * square_x, (column + 1) * square_x, width_m / nx, nx)
-        ys = _overlapped(row * square_y, (row + 1) * square_y, depth_m / ny, ny)
-        height_m[xs, ys] = np.maximum(height_m[xs, ys], height)
-    return height_m
-
-
-def _overlapped(low_m: float, high_m: float, cell_m: float, cells: int) -> slice:
-    """Return the cells along one axis that share more than an edge with [low, high]."""
-    first = math.floor(low_m / cell_m + 1e-9)
-    return slice(first, min(math.ceil(high_m / cell_m - 1e-9), cells))
-
-
-def _draw_clusters(scenario: Scenario, seed: int) -> NDArray[np.float64]:
-    """Draw centroids uniformly on the map, if possible a radius from the edge: x, y, radius."""
-    clusters = scenario.users.clusters
-    if clusters is None:
-        return np.empty((0, 3))
-    streams = Streams(seed, Purpose.WORLD)
-    drawn = []
-    for cluster in range(clusters.count):
-        rng = streams.generator(1 + cluster)
-        radius = rng.uniform(*clusters.radius_m)
-        margins = (min(radius, side / 2) for side in scenario.map.size_m)
-        x, y = (
-            rng.uniform(margin, side - margin)
-            for margin, side in zip(margins, scenario.map.size_m, strict=True)
-        )
-        drawn.append((x, y, radius))
-    return np.array(drawn)
-
-
-def _draw_homes(
-    scenario: Scenario, seed: int, grid: Grid, clusters: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Draw the users' homes: clusters in turn, truncated normal positions, heights in buildings."""
-    users = scenario.users
-    streams = Streams(seed, Purpose.PLACEMENT)
-    homes = np.zeros((users.count, 3))
-    for user in range(users.count):
-        rng = streams.generator(user)
-        if users.positions_m is not None:
-            homes[user, :2] = users.positions_m[user]
-        else:
-            homes[user, :2] = _truncated_normal(rng, clusters[user % len(clusters)], grid)
-        building = grid.height_m[grid.cell_of(*homes[user, :2])]
-        if building > 0.0:
-            homes[user, 2] = rng.uniform(0.0, min(building, users.max_height_m))
-    return homes
-
-
-def _truncated_normal(
-    rng: np.random.Generator, cluster: Sequence[float] | NDArray[np.float64], grid: Grid
-) -> tuple[float, float]:
-    """Draw from a normal around a centroid (σ = radius / 2), truncated to its disc and the map."""
-    x, y, radius = cluster
-    for _ in range(PLACEMENTS):
-        dx, dy = rng.normal(0.0, radius / 2.0, size=2)
-        on_map = 0.0 <= x + dx <= grid.width_m and 0.0 <= y + dy <= grid.depth_m
-        if dx * dx + dy * dy <= radius * radius and on_map:
-            return float(x + dx), float(y + dy)
-    raise ScenarioError(
-        f"users.clusters.radius_m: none of {PLACEMENTS} places drawn around a centroid is on the "
-        f"map; the map is too small for a radius of {radius:g} m"
-    )

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
+from desim_uav.disk import file_place, write_at
 from desim_uav.env import UavParallelVectorEnv
 from desim_uav.errors import DesimError, MissingExtraError, UsageError
 from desim_uav.experiment.provenance import command, commit, processor
 from desim_uav.policies.mlp import Mlp, description_of, scaling_of
-from desim_uav.run_folder import file_place, write_at
 from desim_uav.scenario.load import dump, load
 from desim_uav.shipped import find_scenario
 from desim_uav.world import build_world

@@ -11,8 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from desim_uav.disk import file_place
 from desim_uav.errors import DesimError, UsageError
-from desim_uav.run_folder import file_place
 from desim_uav.scenario.load import load
 from desim_uav.shipped import find_scenario
 

@@ -334,7 +334,7 @@ MUTATIONS = (
     ),
     Mutation(
         "drones are not carried over to the next episode",
-        "engine/episode.py",
+        "engine/carry.py",
         "return self.truncated and not self.terminated and self.settings.carry_over",
         "return self.truncated and not self.terminated and False",
         ("engine/test_episodes.py",),

@@ -27,12 +27,12 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     world.nx, world.ny, world.levels = nx, ny, len(facts.grid.levels_m)
     world.cell_x_m, world.cell_y_m = facts.grid.cell_m
     world.levels_under_ceiling = facts.grid.levels_under_ceiling
-    unlimited = math.isinf(facts.bandwidth_kbps)
+    unlimited = math.isinf(facts.bandwidth_khz)
     world.stations = Table(fill(Cell, cell) for cell in facts.stations)
     world.ceilings = Table([0] * facts.drones)
     radio = blank(rows.Radio)
     radio.flat = 1  # the paper's disc
-    radio.bandwidth_hz = -1 if unlimited else round(facts.bandwidth_kbps * 1000)
+    radio.bandwidth_hz = -1 if unlimited else round(facts.bandwidth_khz * 1000)
     world.radios = Table([radio])
     plan = (-1, 0, 0, 0, 0)
     if limited and not math.isinf(observation.return_s or 0.0):
@@ -63,7 +63,7 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     seen.x, seen.y = observation.cell
     seen.level, seen.attached_users = observation.level, observation.attached_users
     seen.battery_us = round((observation.battery_s or 0.0) * US)
-    seen.used_hz = round(observation.bandwidth_kbps * 1000)
+    seen.used_hz = round(observation.bandwidth_khz * 1000)
     return world, state, drone
 
 

@@ -178,10 +178,10 @@ class TestSteps:
             None if pd.isna(row[name]) else row[name] for name in ("n_b_s", "battery_s", "action")
         ]
         assert tuple(found) == expected
-        assert (row["t_s"], row["bandwidth_kbps"], row["reward"]) == (60.0, 96.0, 0.25)
+        assert (row["t_s"], row["bandwidth_khz"], row["reward"]) == (60.0, 96.0, 0.25)
 
     def test_bandwidth_within_the_drones(self, folders):
-        assert table(folders / "busy", "steps")["bandwidth_kbps"].between(0, 5000).all()
+        assert table(folders / "busy", "steps")["bandwidth_khz"].between(0, 5000).all()
 
 
 class TestUsers:
@@ -448,7 +448,7 @@ def test_the_columns_of_the_contract_come_first():
     ]
     assert list(STEPS) == [
         *("episode", "step", "t_s", "drone", "x_m", "y_m", "z_m", "battery_s", "mode", "action"),
-        *("action_taken", "attached_users", "served_requests", "bandwidth_kbps", "n_b_s"),
+        *("action_taken", "attached_users", "served_requests", "bandwidth_khz", "n_b_s"),
         *("crashed", "reward"),
     ]
     assert list(EPISODES)[:8] == [

@@ -13,16 +13,19 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from desim_uav import qoe, run_folder
+from desim_uav import lock, qoe, run_folder
 from desim_uav.checksums import SUMS
+from desim_uav.disk import write_at, write_whole
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment import command
 from desim_uav.experiment import run as experiment_run
 from desim_uav.experiment.command import read_summary, run_to_folder
 from desim_uav.experiment.provenance import PACKAGES
 from desim_uav.experiment.run import headline
-from desim_uav.records import EPISODES, REQUESTS, USERS, to_frame
-from desim_uav.run_folder import TABLES, Draft, Place, held, read_table, write_at, write_whole
+from desim_uav.lock import held
+from desim_uav.parquet_file import read_table
+from desim_uav.records import EPISODES, REQUESTS, TABLES, USERS, to_frame
+from desim_uav.run_folder import Draft, Place
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
@@ -668,7 +671,7 @@ class TestHeld:
             if len(locked) == 1:
                 Path(".mine.lock").unlink()
 
-        monkeypatch.setattr(run_folder.fcntl, "flock", flock)
+        monkeypatch.setattr(lock.fcntl, "flock", flock)
         with held(Path("mine")):
             assert Path(".mine.lock").read_text(encoding="utf-8").startswith("process ")
         assert len(locked) == 2
@@ -705,12 +708,12 @@ class TestHeld:
         def flock(file, how):
             raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-        monkeypatch.setattr(run_folder.fcntl, "flock", flock)
+        monkeypatch.setattr(lock.fcntl, "flock", flock)
         with held(Path("mine")), held(Path("mine")):
             pass
 
     def test_a_system_without_locks(self, monkeypatch):
-        monkeypatch.setattr(run_folder, "fcntl", None)
+        monkeypatch.setattr(lock, "fcntl", None)
         with held(Path("mine")), held(Path("mine")):
             assert not list(Path().glob(".*.lock"))
 

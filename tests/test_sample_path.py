@@ -8,7 +8,7 @@ import pytest
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.model.mobility.mobility import Static
 from desim_uav.model.mobility.walking import RowWalks
-from desim_uav.rowcode.rows import View, array_of
+from desim_uav.rowcode.views import View, array_of
 from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths, draw, draw_all
 from desim_uav.scenario.load import load

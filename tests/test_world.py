@@ -314,11 +314,11 @@ class TestPhysics:
         drawn = world()
         assert drawn.step_us == 60_000_000
         assert drawn.horizon_us == 1_800_000_000
-        assert drawn.capacity_us == 1_800_000_000
-        assert drawn.bandwidth_hz == 5_000_000
+        assert drawn.only_type.capacity_us == 1_800_000_000
+        assert drawn.links[0].bandwidth_hz == 5_000_000
         assert len(drawn.actions) == 9
-        assert {t.duration_us for t in drawn.epoch_transits.values()} == {60_000_000}
-        assert {a.name: t.distance_m for a, t in drawn.epoch_transits.items()} == {
+        assert {t.duration_us for t in drawn.only_type.epoch_transits.values()} == {60_000_000}
+        assert {a.name: t.distance_m for a, t in drawn.only_type.epoch_transits.items()} == {
             "FORWARD": 240,
             "BACKWARD": 240,
             "RIGHT": 240,
@@ -326,19 +326,19 @@ class TestPhysics:
             "UP": 20,
             "DOWN": 20,
         }
-        assert drawn.planner.hop_us == (*[30_990_663] * 4, *[4_484_639] * 2)
+        assert drawn.only_type.planner.hop_us == (*[30_990_663] * 4, *[4_484_639] * 2)
 
     def test_cells_that_are_not_square(self):
         drawn = world(map__size_m="[2400, 1200]", stations__radius_m=500, users__count=1)
-        assert drawn.epoch_transits[Action.FORWARD].distance_m == 120
-        assert drawn.epoch_transits[Action.RIGHT].distance_m == 240
-        assert drawn.planner.hop_us[0] == 30_990_663
-        assert drawn.planner.hop_us[2] == round((120 / 8.3 + 8.3 / 4) * 1e6)
+        assert drawn.only_type.epoch_transits[Action.FORWARD].distance_m == 120
+        assert drawn.only_type.epoch_transits[Action.RIGHT].distance_m == 240
+        assert drawn.only_type.planner.hop_us[0] == 30_990_663
+        assert drawn.only_type.planner.hop_us[2] == round((120 / 8.3 + 8.3 / 4) * 1e6)
 
     def test_unlimited(self):
         drawn = world(**FLAT, drones__battery="null", drones__bandwidth_kbps="null")
-        assert drawn.capacity_us == 0
-        assert drawn.bandwidth_hz == math.inf
+        assert drawn.only_type.capacity_us == 0
+        assert drawn.links[0].bandwidth_hz == math.inf
         assert len(drawn.actions) == 5
 
 

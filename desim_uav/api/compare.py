@@ -74,9 +74,9 @@ def compare(
         Interrupted: Ctrl-C. Its ``result`` holds the runs that had ended before.
     """
     from desim_uav.api.arguments import opened, seeds_of, warn
+    from desim_uav.disk import file_place
     from desim_uav.experiment import compare as comparing
     from desim_uav.experiment.progress import progress as shown
-    from desim_uav.run_folder import file_place
     from desim_uav.scenario.draft import named_override
     from desim_uav.scenario.load import override_texts
 
@@ -132,8 +132,8 @@ def compare_runs(
         UsageError: ``against`` is not one of the policies, or ``out`` cannot be written.
     """
     from desim_uav.api.sources import each_of, in_folders
+    from desim_uav.disk import file_place
     from desim_uav.experiment import compare_runs as finished
-    from desim_uav.run_folder import file_place
 
     place = None if out is None else file_place(Path(out), "--out")
     with in_folders("folders", each_of("folders", folders)) as sources:

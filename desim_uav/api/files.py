@@ -120,9 +120,9 @@ def gallery(
     Raises:
         UsageError: there is no such paper, or a file cannot be written.
     """
+    from desim_uav.disk import file_place, write_at
     from desim_uav.experiment import gallery as work
     from desim_uav.report.gallery import markdown_tables
-    from desim_uav.run_folder import file_place, write_at
 
     place = None if markdown is None else file_place(Path(markdown), "--markdown")
     folder = None if figure is None else Path(figure)

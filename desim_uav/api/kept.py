@@ -18,10 +18,11 @@ from desim_uav.errors import DesimError, NoEventsError, UsageError
 from desim_uav.experiment.command import Done, Recorded, place_of, read_summary
 from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.run import counted
+from desim_uav.parquet_file import read_parts, read_table
 from desim_uav.records import REQUESTS, TABLES
 from desim_uav.report.manifest import read_manifest
 from desim_uav.report.run import IN_TIME
-from desim_uav.run_folder import Place, read_parts, read_scenario, read_table
+from desim_uav.run_folder import Place, read_scenario
 from desim_uav.scenario.schema import Scenario
 
 FILES = (*(f"{name}.parquet" for name in TABLES), "scenario.yaml", "world.json", "manifest.json")

@@ -196,8 +196,8 @@ def write_report(
         PolicyError: a folder cannot be read, or the runs cannot be compared.
     """
     from desim_uav.api.sources import each_of
+    from desim_uav.disk import file_place
     from desim_uav.experiment.report import NAME
-    from desim_uav.run_folder import file_place
 
     given = each_of("runs", runs)
     file = _default(given, NAME) if out is None else Path(out)
@@ -215,8 +215,8 @@ def report_of(
     """Make the page that ``write_report`` writes, to be written to ``file``."""
     from desim_uav.api.replay import Page
     from desim_uav.api.sources import in_folders
+    from desim_uav.disk import file_place
     from desim_uav.experiment.report import NAME, make_report
-    from desim_uav.run_folder import file_place
 
     if file is not None:
         file_place(file)

@@ -7,9 +7,9 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
+from desim_uav.disk import file_place, write_at
 from desim_uav.experiment.replay.page import Made, Written
 from desim_uav.report.markup import tag
-from desim_uav.run_folder import file_place, write_at
 from desim_uav.typed import typed
 
 HEIGHT_PX = 720

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.constants import transits_of
+from desim_uav.links import Links
 from desim_uav.model.radio.air import FOUND_COLUMNS
 from desim_uav.model.radio.between import WINDOW_COLUMNS, window_rows
 from desim_uav.model.radio.fits import NONE, Fits, fits_of
@@ -25,7 +26,7 @@ from desim_uav.rowcode.rows import Table
 from desim_uav.rules.air import PROFILE
 from desim_uav.sky.links import MOST_PASSED
 from desim_uav.sky.rows import Scene
-from desim_uav.world import Links, World
+from desim_uav.world import World
 
 
 class Room(NamedTuple):

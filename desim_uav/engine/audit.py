@@ -18,6 +18,7 @@ from desim_uav.engine.audit_sight import possible_levels_dbm
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
+from desim_uav.rules.rows import Constants, Drone, Request, State, User
 from desim_uav.rules.words import CHARGING, CRASHED, FLYING, IN_QUEUE
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def audit(simulation: Simulation) -> None:
     audit_instant(simulation)
 
 
-def _battery(world: Any, state: Any, drone: Any) -> None:
+def _battery(world: Constants, state: State, drone: Drone) -> None:
     """Check that the battery is between empty and full, and empty if the drone has crashed.
 
     It must hold what it began with, less what is counted as used and with what as gained.
@@ -71,7 +72,7 @@ def _energy(simulation: Simulation) -> None:
     assert used - gained == lost, "energy of all drones together"
 
 
-def _bandwidth(world: Any, state: Any, drone: Any) -> None:
+def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
     """Check that the bandwidth in use adds up and fits, and that only flying drones serve."""
     served = [
         user.request
@@ -112,7 +113,7 @@ def _demand(state: Any) -> None:
             assert drone.credit.alone == alone, f"users of {drone.index} alone"
 
 
-def _stations(world: Any, state: Any) -> None:
+def _stations(world: Constants, state: State) -> None:
     """Check that each queued or charging drone is in one queue, and the number of used pads."""
     queued = [drone for station in state.stations for drone in station.queue]
     there = [drone.index for drone in state.drones if drone.mode in IN_QUEUE]
@@ -122,7 +123,7 @@ def _stations(world: Any, state: Any) -> None:
         assert sum(charging) <= world.pads, "more drones charge than there are pads"
 
 
-def _one_state(state: Any, user: Any) -> None:
+def _one_state(state: State, user: User) -> None:
     """Check that an open request is served by its user's drone or waits there, if there is one."""
     request = user.request
     queues = [drone.index for drone in state.senders if user.index in drone.waiting]
@@ -143,7 +144,7 @@ def _one_state(state: Any, user: Any) -> None:
         assert request.server == user.holder and not queues, "served by another drone"
 
 
-def _work(state: Any, request: Any) -> None:
+def _work(state: State, request: Request) -> None:
     """Check that no more is done for a request than it requires, within its last microsecond."""
     assert 0 <= request.done <= request.required, "served more than requested"
     if request.server >= 0:
@@ -186,7 +187,7 @@ def _geometry(simulation: Simulation) -> None:
             assert not wrong.any(), f"coverage by {drone.index} of users {np.flatnonzero(wrong)}"
 
 
-def _radio_of(simulation: Simulation, drone: Any) -> Any:
+def _radio_of(simulation: Simulation, drone: Drone) -> Any:
     """Return the radio of a drone or of an access point."""
     return simulation.world.links[drone.radio].radio
 
@@ -223,7 +224,7 @@ def _ratios(simulation: Simulation, serving: Sequence[Any], users: NDArray[np.fl
 
 
 def _levels(
-    simulation: Simulation, drone: Any, users: NDArray[np.float64], checked: NDArray[np.int64]
+    simulation: Simulation, drone: Drone, users: NDArray[np.float64], checked: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Return the lowest and the highest level (2, checked) at which users may receive a drone.
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 from desim_uav.engine.base import EpisodeLog
 from desim_uav.rules.admission import FirstCome
+from desim_uav.rules.rows import Request, State
 from desim_uav.rules.words import ON_ATTACH, ON_HANDOVER, ON_LEG, ON_OUTAGE, ON_OUTAGE_END, ON_SERVE
 
 if TYPE_CHECKING:
@@ -138,12 +139,12 @@ def _admission(simulation: Simulation, seen: Seen) -> None:
             assert waits, f"user {user} waits behind those who asked later at drone {number}"
 
 
-def _place(request: Any) -> tuple[int, int]:
+def _place(request: Request) -> tuple[int, int]:
     """Return the place of a request in the order of admission."""
     return request.t_request_us, request.user
 
 
-def _totals(state: Any, seen: Seen) -> None:
+def _totals(state: State, seen: Seen) -> None:
     """Check the counts of outages, and the events of them, at the end of an episode."""
     found, counted = (seen.outages, seen.outage_us), (state.outages, state.outage_us)
     assert found == counted, f"outages and their time: {found}, counted as {counted}"

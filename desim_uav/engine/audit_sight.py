@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from statistics import NormalDist
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.world import World
 
 Place = tuple[float, float, float]
@@ -29,7 +31,14 @@ class Draws(NamedTuple):
     nlos_db: float
 
 
-def draws_of(key: Any, radio: Any, transmitter: int, user: int, cell: int, users: int = 0) -> Draws:
+def draws_of(
+    key: NDArray[np.uint64],
+    radio: LinkClasses,
+    transmitter: int,
+    user: int,
+    cell: int,
+    users: int = 0,
+) -> Draws:
     """Return the draws of a link; access point k is transmitter -1 - k.
 
     Only if the episode is imagined, its key is longer and the number of ``users`` matters.
@@ -49,7 +58,9 @@ def draws_of(key: Any, radio: Any, transmitter: int, user: int, cell: int, users
     return Draws(1.0 - (1.0 - chance) * (1.0 - new.uniform), new.los_db, draws.nlos_db)
 
 
-def _drawn(key: Any, radio: Any, transmitter: int, user: int, cell: int) -> Draws:
+def _drawn(
+    key: NDArray[np.uint64], radio: LinkClasses, transmitter: int, user: int, cell: int
+) -> Draws:
     """Return the draws of a link under a key of two words."""
     counter = sum(word % 2**64 << 64 * k for k, word in enumerate((cell, user, transmitter, 0)))
     words = np.random.Philox(
@@ -61,7 +72,12 @@ def _drawn(key: Any, radio: Any, transmitter: int, user: int, cell: int) -> Draw
 
 
 def possible_levels_dbm(
-    world: World, key: Any, radio: Any, transmitter: int, user: int, ends: tuple[Place, Place]
+    world: World,
+    key: NDArray[np.uint64],
+    radio: LinkClasses,
+    transmitter: int,
+    user: int,
+    ends: tuple[Place, Place],
 ) -> list[float]:
     """Return the levels that a link may have: one, or several where that is not certain.
 
@@ -97,7 +113,9 @@ def _inside(at: float, index: int, side_m: float, count: int) -> bool:
     return low <= at <= high
 
 
-def _clear(world: World, radio: Any, uniform: float, ends: tuple[Place, Place]) -> list[bool]:
+def _clear(
+    world: World, radio: LinkClasses, uniform: float, ends: tuple[Place, Place]
+) -> list[bool]:
     """Return whether a user sees a transmitter: one answer, or both where it is not certain."""
     if radio.line_of_sight == "buildings":
         height_m = world.grid.height_m

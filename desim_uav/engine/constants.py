@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
+from desim_uav.links import Links
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.rewards import RowReward
@@ -26,7 +27,7 @@ from desim_uav.rules.rows import (
 )
 from desim_uav.rules.words import CRASHES
 from desim_uav.scenario.cost import expected_requests
-from desim_uav.world import Links, World
+from desim_uav.world import World
 
 
 def constants_of(world: World, settings: RunSettings) -> Constants:

@@ -17,7 +17,7 @@ from desim_uav.model.motion.space import Space, Ways
 from desim_uav.model.rules import Mode
 from desim_uav.rowcode.rows import Queue, Table, blank, fill
 from desim_uav.rules.free_flight import write_flight
-from desim_uav.rules.rows import Course, FlownRow, Piece, SpaceRow, WaysRow
+from desim_uav.rules.rows import Course, Drone, FlownRow, Piece, SpaceRow, WaysRow
 from desim_uav.rules.words import AIMS, OWN, REST
 from desim_uav.world import World
 
@@ -44,7 +44,7 @@ def _ways_row(ways: Ways) -> WaysRow:
     return fill(WaysRow, (roads.altitude_m, *(array.reshape(-1) for array in arrays)))
 
 
-def set_course(drone: Any, world: World) -> None:
+def set_course(drone: Drone, world: World) -> None:
     """Prepare the course of a new row of a drone that flies freely, or of an access point."""
     if drone.point >= 0:
         point = world.scenario.access_points[drone.point]
@@ -67,7 +67,7 @@ def set_memory(state: Any, world: World, log: int) -> None:
         state.flown = Queue(of=FlownRow, buffer=log)
 
 
-def flown_leg(row: Any) -> FlownLeg:
+def flown_leg(row: FlownRow) -> FlownLeg:
     """Return the leg of a row of the log."""
     ends_m = (row.x0_m, row.y0_m, row.z0_m), (row.x1_m, row.y1_m, row.z1_m)
     return FlownLeg(row.t_us, row.drone, row.duration_us, tuple(Mode)[row.mode], *ends_m)
@@ -94,7 +94,7 @@ def carried_leg(space: Space, mode: int, carried: FreeCarried) -> FreeLeg:
     return leg_between(limits, space.wind, carried.limit_mps, carried[:3], carried[3:6])
 
 
-def load_course(world: World, drone: Any, carried: FreeCarried) -> None:
+def load_course(world: World, drone: Drone, carried: FreeCarried) -> None:
     """Put a drone on the course of an earlier episode."""
     for name, value in carried._asdict().items():
         setattr(drone.course, name, value)

@@ -21,7 +21,8 @@ from desim_uav.copies import Unchanging
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
 from desim_uav.errors import StateError
 from desim_uav.model.state import Snapshot
-from desim_uav.rowcode.rows import Queue, Table, held_by, is_row, origin_of
+from desim_uav.rowcode.rows import Queue, Row, Table, held_by, is_row, origin_of
+from desim_uav.rowcode.views import View
 from desim_uav.rules.rows import Drone, State
 from desim_uav.rules.words import AIMS
 from desim_uav.sample_path import SamplePath
@@ -192,7 +193,7 @@ def _unpickled(cls: Any, names: tuple[str, ...], values: tuple[Any, ...]) -> Any
     return _values(cls)._make(values)
 
 
-def read(one: Any, cls: Any) -> Any:
+def read(one: Row | View, cls: Any) -> Any:
     """Return the fields of a row, or of a view of one, as values."""
     return _values(cls)._make([_read(getattr(one, name), kind) for name, kind in fields_of(cls)])
 
@@ -208,7 +209,7 @@ def _read(value: Any, kind: Any) -> Any:
     return tuple(value.tolist() if isinstance(value, np.ndarray) else map(of, value))
 
 
-def _told(values: Any) -> Any:
+def _told(values: object) -> Any:
     """Return values without the fields that may be left from an earlier episode."""
     if not isinstance(values, tuple):
         return values
@@ -221,7 +222,7 @@ def _told(values: Any) -> Any:
     return [_told(value) for name, value in named if name not in NOT_TOLD]
 
 
-def write(one: Any, cls: Any, values: Any) -> None:
+def write(one: Row | View, cls: Any, values: Sequence[Any]) -> None:
     """Write values into the fields of a row, or of a view of one."""
     for (name, kind), value in zip(fields_of(cls), values, strict=True):
         if kind is int or kind is float:

@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.air import Room, fits_between, set_air, set_memory, set_room, windows_for
 from desim_uav.engine.constants import transit_row, transits_of
+from desim_uav.links import Links
 from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.motion.motion import TRAPEZOID
 from desim_uav.model.radio.marks import KINDS, MARK_COLUMNS
 from desim_uav.model.radio.tracks import TRACK_COLUMNS
-from desim_uav.rowcode.rows import Table, blank, held_by, in_memory, is_row, origin_of
+from desim_uav.rowcode.rows import Table, blank, held_by, is_row, origin_of
+from desim_uav.rowcode.views import in_memory
 from desim_uav.sky.rows import Change, Leg, Piece, Rings, Scene, Sky, Turn
 from desim_uav.sky.separation import most_turns
-from desim_uav.world import Links, World
+from desim_uav.world import World
 
 
 def scene_of(world: World) -> Scene:

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 import desim_uav
 from desim_uav import array_file
+from desim_uav.disk import write_whole
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import SavedState
 from desim_uav.env.carried_drones import checked, plain
 from desim_uav.errors import PolicyError, SimulationError, StateError
 from desim_uav.rules.words import AIMS
-from desim_uav.run_folder import write_whole
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import scenario_hash, seedless
 from desim_uav.world import World

@@ -18,11 +18,12 @@ from desim_uav.experiment import run
 from desim_uav.experiment.interrupt import asked_to_stop, at_once, interruptible
 from desim_uav.experiment.provenance import clock, versions
 from desim_uav.experiment.resume import Begun, Rest
+from desim_uav.parquet_file import read_parts
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
 from desim_uav.records import EPISODES, REQUESTS, to_frame
 from desim_uav.report.manifest import read_manifest
-from desim_uav.run_folder import Draft, Place, read_parts, world_content
+from desim_uav.run_folder import Draft, Place, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
@@ -35,7 +36,7 @@ ALWAYS_CALLED = ("policy.npz", "desim_uav.npz")
 
 
 Write = Callable[[str, pd.DataFrame], None]
-"""Writes rows of a table; called with the table's name (see ``run_folder.TABLES``) and the rows."""
+"""Writes rows of a table; called with the table's name (see ``records.TABLES``) and the rows."""
 
 
 @dataclass(frozen=True)

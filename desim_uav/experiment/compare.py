@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from desim_uav.disk import file_place, write_at
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import UsageError, did_you_mean
 from desim_uav.escaped import csv_cell
@@ -30,7 +31,6 @@ from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, policy_name
 from desim_uav.report import notebook
 from desim_uav.report.text import compared, estimate_cells
-from desim_uav.run_folder import file_place, write_at
 from desim_uav.scenario.schema import Scenario
 from desim_uav.typed import typed
 from desim_uav.world import build_world

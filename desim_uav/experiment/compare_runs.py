@@ -11,9 +11,10 @@ from desim_uav.errors import PolicyError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import Comparison, Replication, reference_of, world_seed_of
 from desim_uav.experiment.evaluate import measures_of
+from desim_uav.parquet_file import no_such, read_table
 from desim_uav.records import EPISODES
 from desim_uav.report.manifest import read_manifest
-from desim_uav.run_folder import no_such, read_scenario, read_table
+from desim_uav.run_folder import read_scenario
 from desim_uav.scenario.load import scenario_hash, seedless, to_plain
 from desim_uav.scenario.schema import Scenario
 

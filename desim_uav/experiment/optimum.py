@@ -154,7 +154,7 @@ def _one_drone(world: World, process: DroneProcess) -> dict[str, Any]:
     """Return the best reward and the best QoE3 of one drone."""
     episode = world.scenario.episode
     limited = world.scenario.limited_battery
-    if limited and not episode.carry_over and world.on_crash == "end_episode":
+    if limited and not episode.carry_over and world.only_type.on_crash == "end_episode":
         raise UsageError(
             "drones.battery.on_crash: the best episode cannot be computed with 'end_episode', "
             "unless episode.carry_over is true"

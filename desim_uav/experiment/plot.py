@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from desim_uav.disk import file_place, write_at
 from desim_uav.errors import PolicyError, UsageError, did_you_mean, located
 from desim_uav.experiment.compare import Comparison, reference_of
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.replay.again import Source
 from desim_uav.policies.tabular import read_table
-from desim_uav.run_folder import file_place, write_at
 from desim_uav.shipped import find_table
 from desim_uav.world import World, build_world
 

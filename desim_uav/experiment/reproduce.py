@@ -20,6 +20,7 @@ import numpy as np
 
 from desim_uav import __version__
 from desim_uav.checksums import of_row
+from desim_uav.disk import try_writing, write_whole
 from desim_uav.errors import UsageError
 from desim_uav.experiment import paper_table
 from desim_uav.experiment.evaluate import evaluate
@@ -27,7 +28,6 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.published import POLICIES, PUBLISHED
 from desim_uav.experiment.train.course import train
 from desim_uav.optimum.cover import Places, cover, fair_cover
-from desim_uav.run_folder import try_writing, write_whole
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import scenario_path

@@ -12,11 +12,12 @@ import pandas as pd
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment import run
 from desim_uav.experiment.provenance import versions
+from desim_uav.parquet_file import as_arrow, as_written, read_parts, read_table
 from desim_uav.policies.base import file_of
 from desim_uav.records import EPISODES, TABLES
 from desim_uav.registry import names
 from desim_uav.report.manifest import read_manifest
-from desim_uav.run_folder import Place, as_arrow, as_written, read_parts, read_table
+from desim_uav.run_folder import Place
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import scenario_hash
 

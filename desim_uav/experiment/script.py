@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from desim_uav.disk import file_place, write_whole
 from desim_uav.errors import DesimError, PolicyError, UsageError, drop, printable
 from desim_uav.notices import replace_lacking
-from desim_uav.run_folder import file_place, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd

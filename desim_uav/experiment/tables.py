@@ -93,7 +93,7 @@ STEP_VALUES: dict[str, Callable[[Any], Any]] = {
     "mode": lambda step: step.mode.name.lower(),
     "action": lambda step: None if step.action is None else step.action.name.lower(),
     "action_taken": lambda step: step.action_taken.name.lower(),
-    "bandwidth_kbps": lambda step: step.bandwidth_bps / 1000,
+    "bandwidth_khz": lambda step: step.used_hz / 1000,
     "crashed": lambda step: step.mode is Mode.CRASHED,
 }
 """How columns of steps follow from a record; the others are fields of it, of the same name."""

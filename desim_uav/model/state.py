@@ -15,10 +15,10 @@ from desim_uav.model.rules import Mode
 class Facts(NamedTuple):
     """The constants of a run that rewards, observations and learners may use.
 
-    ``capacity_s`` (a full battery) is None if the battery is unlimited, and ``bandwidth_kbps`` is
+    ``capacity_s`` (a full battery) is None if the battery is unlimited, and ``bandwidth_khz`` is
     inf if the bandwidth is. ``clusters``: rows of x, y and radius, in metres. ``three_d``: whether
     drones change altitude. ``graded``: whether the links of drones have classes. If drones differ,
-    ``capacity_s``, ``bandwidth_kbps`` and ``graded`` are those of one type of drones; ``limited``
+    ``capacity_s``, ``bandwidth_khz`` and ``graded`` are those of one type of drones; ``limited``
     says whether the battery of some type is limited.
     """
 
@@ -32,7 +32,7 @@ class Facts(NamedTuple):
     step_s: float
     three_d: bool
     capacity_s: float | None
-    bandwidth_kbps: float
+    bandwidth_khz: float
     graded: bool = False
     limited: bool = False
 
@@ -66,7 +66,7 @@ class Observation(NamedTuple):
     return_s: float | None
     attached_users: int
     served_requests: int
-    bandwidth_kbps: float
+    bandwidth_khz: float
     station: int | None = None
     flight_s: float | None = None
     served: tuple[int, ...] = ()

@@ -100,7 +100,7 @@ def moves(world: World) -> list[Leg]:
             dx, dy, _ = MOVES[action]
             if grid.can_enter(ix + dx, iy + dy, level):
                 ends = grid.centre(ix, iy), grid.centre(ix + dx, iy + dy)
-                found[ends] = Leg(world.epoch_transits[action], *ends, 0.0, 0.0)
+                found[ends] = Leg(world.only_type.epoch_transits[action], *ends, 0.0, 0.0)
     return list(found.values())
 
 

@@ -207,10 +207,10 @@ class _Explorer:
         """Return the target after a landing or a crash."""
         if outcome.state is not None:
             return self._renew(outcome.state)
-        if self.world.on_crash == "end_episode":
+        if self.world.only_type.on_crash == "end_episode":
             return self._renew(self.process.start)
-        if self.world.on_crash == "respawn":
-            full_us = self.world.capacity_us
+        if self.world.only_type.on_crash == "respawn":
+            full_us = self.world.only_type.capacity_us
             places = [self._renew(((*cell, 0), full_us)) for cell in self.world.stations]
             return places[0] if len(places) == 1 else LOTTERY
         last = outcome.steps[-1].reward

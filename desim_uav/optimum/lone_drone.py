@@ -97,7 +97,7 @@ class LoneDrone:
         self._path = self._engine.own_path
         self._events = self.state.clock = Events()
         self.state.keeps_requests = 0
-        if world.on_crash == "end_episode":  # which would close all requests
+        if world.only_type.on_crash == "end_episode":  # which would close all requests
             self.constants.types[0].on_crash = words.REMOVES
         self._pay, self.constants.pay = self.constants.pay, self._note
         self._rules = {

@@ -58,7 +58,7 @@ class DroneProcess:
         refuse_walks(world)
         self.world = world
         self._actions = [kind_of(choice) for choice in world.actions]
-        self.start: State = ((*world.starts[0], 0), world.capacity_us)
+        self.start: State = ((*world.starts[0], 0), world.only_type.capacity_us)
         self._lone = LoneDrone(world)
 
     def allowed(self, state: State) -> tuple[Action, ...]:
@@ -90,7 +90,7 @@ class DroneProcess:
 
         If the battery does not outlast the step, ``drained_us`` is all of it.
         """
-        full_us = self.world.capacity_us
+        full_us = self.world.only_type.capacity_us
         steps, state = self.outcome((node, full_us), action)
         there, left_us = state or (node, 0)
         return Flight(there, full_us - left_us, steps[0].attached_us)

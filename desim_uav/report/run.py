@@ -12,10 +12,11 @@ import pandas as pd
 
 from desim_uav.checksums import verify
 from desim_uav.errors import NoEventsError, PolicyError, UsageError
+from desim_uav.parquet_file import read_table
 from desim_uav.records import TABLES
 from desim_uav.report.manifest import Settings, read_manifest, read_settings
 from desim_uav.report.world import read_world, stored_world
-from desim_uav.run_folder import read_scenario, read_table
+from desim_uav.run_folder import read_scenario
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World
 
@@ -41,7 +42,7 @@ class Run:
     # ---- what happened
 
     def table(self, name: str) -> pd.DataFrame:
-        """Return one of ``run_folder.TABLES`` as it was written."""
+        """Return one of ``records.TABLES`` as it was written."""
         if name not in self._read:
             self._read[name] = read_table(self.folder, name, TABLES[name])
         return self._read[name]

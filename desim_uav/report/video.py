@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.ImageColor import getrgb
 
+from desim_uav.disk import write_at
 from desim_uav.drawing import sprites
 from desim_uav.drawing.frame import HEIGHT, WIDTH, Painter
 from desim_uav.engine.base import Measures, UserState
@@ -22,7 +23,6 @@ from desim_uav.errors import DesimError, MissingExtraError, UsageError
 from desim_uav.model.rules import US
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.report.playback import Moment, Playback
-from desim_uav.run_folder import write_at
 
 FPS, SPEED = 12.0, 120.0
 """Frames per second, and simulated seconds per second: half an hour lasts 15 s, in 181 frames."""

@@ -4,16 +4,19 @@ A *row* is a record with named fields: an object in Python, and a piece of memor
 A *rule* is a plain function over rows, which Python runs as it stands and Numba compiles. The other
 packages use these names:
 
-- ``rows``: ``row`` and ``Row`` declare a record; ``Table``, ``BoundedTable``, ``Queue`` and
-  ``View`` are kinds of its fields. ``blank``, ``fill``, ``named``, ``attach``, ``packed``,
-  ``in_memory``, ``place``, ``address``, ``bound``, ``held_by``, ``array_of`` and ``dtype_of`` make
-  rows, read and write them.
+- ``rows``: ``row`` and ``Row`` declare a record; ``Table``, ``BoundedTable`` and ``Queue`` are
+  kinds of its fields. ``blank``, ``fill``, ``named``, ``attach``, ``packed``, ``place``,
+  ``address``, ``bound`` and ``held_by`` make rows, read and write them.
+- ``views``: ``View``, ``in_memory``, ``array_of`` and ``dtype_of`` read and write rows in blocks of
+  memory.
 - ``kernels``: ``rule``, ``rare_rule``, ``kernel``, ``maker`` and ``part`` say how a function is
   compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder`` and
   ``compiled_before`` say where its machine code is kept.
 - ``compiled_rows``: ``pointer_to``, ``address_of``, ``call`` and its typed variants call a compiled
-  function at an address; ``entries_at``, ``as_array``, ``place_of`` and ``set_word`` reach into
-  rows. ``compiled_registers``: copies of rows in registers, and choices without a branch.
+  function at an address; ``entries_at``, ``as_array`` and ``place_of`` reach into rows.
+  ``compiled_types``, ``compiled_entries`` and ``compiled_queues`` say what fields, tables and
+  queues are in compiled code; ``set_word`` writes a word of a queue. ``compiled_registers``:
+  copies of rows in registers, and choices without a branch.
 - ``components``: dataclasses with a method over rows, whose numbers are a row and whose methods
   are machine code.
 - ``code_digest``, ``value_text``: of what machine code on disk depends.

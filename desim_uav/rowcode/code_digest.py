@@ -14,7 +14,14 @@ from functools import cache
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple, cast
 
-from desim_uav.rowcode import compiled_queues, compiled_registers, compiled_rows, numba_parts
+from desim_uav.rowcode import (
+    compiled_entries,
+    compiled_queues,
+    compiled_registers,
+    compiled_rows,
+    compiled_types,
+    numba_parts,
+)
 from desim_uav.rowcode.numba_parts import overloads_of
 from desim_uav.rowcode.rows import is_row, layout_of
 from desim_uav.rowcode.value_text import (
@@ -28,6 +35,16 @@ from desim_uav.rowcode.value_text import (
 
 STANDS_IN: dict[FunctionType, FunctionType] = {}
 """What compiled code calls in place of a function: the function that Numba's overload calls."""
+
+COMPILING = (
+    compiled_types,
+    compiled_entries,
+    compiled_rows,
+    compiled_queues,
+    compiled_registers,
+    numba_parts,
+)
+"""The modules that compile rows."""
 
 RULES: set[FunctionType] = set()
 """The functions that work on rows."""
@@ -48,8 +65,7 @@ def code_digest(function: FunctionType, placed: bool = False) -> str:
     methods = [sorted(vars(row).items()) for row in rows]
     texts += _reach(found, [of for parts in methods for _, of in parts if type(of) is FunctionType])
     if rows or RULES.intersection(found):
-        compiling = compiled_rows, compiled_queues, compiled_registers, numba_parts
-        texts += _reach(found, _functions_of(*compiling))
+        texts += _reach(found, _functions_of(*COMPILING))
     texts += map(layout_of, rows)
     if placed:
         texts += [f"{number}: {_lines(one.__code__)}" for one, number in found.items()]

@@ -7,19 +7,9 @@ from typing import Any
 from numba import extending
 
 from desim_uav.rowcode.bounds import CHECKED
-from desim_uav.rowcode.compiled_rows import (
-    I64,
-    Line,
-    Pointer,
-    as_array,
-    infer_getattr,
-    lower_builtin,
-    place_of,
-    set_spare,
-    set_word,
-    spare,
-    word,
-)
+from desim_uav.rowcode.compiled_entries import set_spare, set_word, spare, word
+from desim_uav.rowcode.compiled_rows import as_array, place_of
+from desim_uav.rowcode.compiled_types import I64, Line, Pointer, infer_getattr, lower_builtin
 from desim_uav.rowcode.numba_parts import (
     AbstractTemplate,
     AttributeTemplate,

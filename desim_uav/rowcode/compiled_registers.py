@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.rowcode.compiled_rows import I64, WORD, intrinsic, moved, number_at
+from desim_uav.rowcode.compiled_types import I64, WORD, intrinsic, moved, number_at
 from desim_uav.rowcode.numba_parts import cgutils, ir, types
 
 # ---- copies of rows
 
 
 def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> None:
-    """Copy a row word by word, without marks: it may alias any field (see ``compiled_rows``)."""
+    """Copy a row word by word, without marks: it may alias any field (see ``apart``)."""
     for k in range(row.cls.words):
         begin, end = (moved(builder, base, k) for base in (source, target))
         word = builder.load(number_at(context, builder, begin, I64))

@@ -110,6 +110,10 @@ def kind_of(component: Any) -> str:
 # ---- functions that are known by their addresses
 
 
+Values = Callable[[int], Any]
+"""Returns the values of a component at an address."""
+
+
 class Function(NamedTuple):
     """A compiled function of a component, with the name by which it is kept.
 
@@ -118,7 +122,7 @@ class Function(NamedTuple):
     """
 
     name: str
-    around: Callable[[Any, Any], Any]
+    around: Callable[[Any, Values], Any]
     arguments: tuple[Any, ...]
 
 

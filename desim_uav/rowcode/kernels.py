@@ -132,6 +132,7 @@ def stands_in_for(function: Any) -> Callable[[F], F]:
     """Return a decorator that replaces a function in compiled code.
 
     The decorated function takes the same arguments as ``function`` and returns its replacement.
+    Both are annotated alike, as Numba requires, although the former is given Numba's types.
     """
 
     def stand_in(implementation: F) -> F:

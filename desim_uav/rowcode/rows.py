@@ -9,7 +9,7 @@ A class of rows is declared by its annotations::
 
 In Python a row is an object with slots, and a ``Table`` or a ``Queue`` is a list. In compiled code
 a row is a pointer to its fields, of eight bytes (a word) each, which are accessed by name, as in
-``drone.battery_us`` (see ``rowcode.compiled_rows``). One function over rows therefore runs in both.
+``drone.battery_us`` (see ``compiled_types``). One function over rows therefore runs in both.
 
 A row stores the positions of its tables as their distances from itself. A block of memory with a
 row and all its tables can therefore be copied, pickled and moved as it is.
@@ -165,7 +165,7 @@ def row(cls: type[R]) -> type[R]:
     made.kinds, made.places, at = {name: hints[name] for name in names}, {}, 0
     for name, kind in made.kinds.items():
         made.places[name] = at
-        at += _words_of(kind)
+        at += words_of(kind)
     made.words = at
     return made  # type: ignore[no-any-return]
 
@@ -203,7 +203,7 @@ TABLE_WORDS, QUEUE_WORDS = 2, 4
 """The words of a table: distance to its entries, and count; a queue adds its buffer and overrun."""
 
 
-def _words_of(kind: Any) -> int:
+def words_of(kind: Any) -> int:
     """Return the length of a field of this type, in words."""
     origin = origin_of(kind)
     if origin is Table:
@@ -377,120 +377,3 @@ def address(one: Any) -> int:
         one._address = place(one._block) + 8 * one._at
     found: int = one._address
     return found
-
-
-# ---- blocks of memory in Python
-
-
-class Views(list[Any]):
-    """The views of all rows of a table, which are also a structured ``array``."""
-
-    __slots__ = ("array",)
-
-    def __init__(self, views: Iterable[Any], array: NDArray[Any]) -> None:
-        super().__init__(views)
-        self.array = array
-
-
-class View:
-    """A row in a block of memory; its fields are read by name, its tables as arrays or views."""
-
-    __slots__ = ("_address", "_at", "_block", "_floats", "_kept")
-
-    def __new__(cls, block: Words, of: Any, at: int = 0) -> Any:
-        """Return a view of the row of class ``of`` at a word, whose fields are properties."""
-        return super().__new__(_view_class(of))
-
-    def __init__(self, block: Words, of: type[Row], at: int = 0) -> None:
-        self._block, self._at, self._address = block, at, 0
-        self._floats: NDArray[np.float64] | None = None
-        self._kept: dict[str, Any] = {}
-
-
-def in_memory(one: R) -> R:
-    """Return a copy of a row in a block of memory of its own, as a view of it."""
-    made: Any = View(packed(one), type(one))
-    copied: R = made
-    return copied
-
-
-def _floats_of(view: Any) -> Any:
-    """Return the block of a view as floats; to make this array takes longer than to keep it."""
-    if view._floats is None:
-        view._floats = view._block.view(np.float64)
-    return view._floats
-
-
-@cache
-def _view_class(of: type[Row]) -> Any:
-    """Return the class of views of a class of rows."""
-    fields = {name: _field(of, name) for name in of.kinds}
-    return type(f"{of.__name__}View", (View,), {"__slots__": (), **fields})
-
-
-def _field(cls: type[Row], name: str) -> property:
-    """Return the property of views that reads and writes a field."""
-    kind, offset = cls.kinds[name], cls.places[name]
-
-    def read(view: Any) -> Any:
-        block, place = view._block, view._at + offset
-        if kind is int:
-            return block.item(place)
-        if kind is float:
-            return _floats_of(view).item(place)
-        if name in view._kept:
-            return view._kept[name]
-        if is_row(kind):
-            view._kept[name] = inner = View(block, kind, place)
-            return inner
-        of = held_by(kind)
-        entries: Any = array_of(block, cls, name, view._at)
-        if is_row(of):
-            begin = (entries.ctypes.data - block.ctypes.data) // 8
-            rows = (View(block, of, begin + k * of.words) for k in range(len(entries)))
-            entries = Views(rows, entries)
-        if origin_of(kind) is Table:  # whose length does not change
-            view._kept[name] = entries
-        return entries
-
-    def write(view: Any, value: Any) -> None:
-        block, place = view._block, view._at + offset
-        if kind is int:
-            block[place] = value
-        elif kind is float:
-            _floats_of(view)[place] = value
-        elif origin_of(kind) is Queue:
-            of, begin = held_by(kind), place + int(block[place]) // 8
-            written = np.array(list(value), dtype_of(of) if is_row(of) else of).view(np.int64)
-            block[place + 1], block[begin : begin + written.size] = len(value), written
-        else:
-            raise AttributeError(f"{cls.__name__}.{name} is no number")
-
-    return property(read, write)
-
-
-def array_of(block: Words, cls: type[Row], name: str, at: int = 0) -> NDArray[Any]:
-    """Return a table or queue of the row at word ``at`` as a (structured) array over its memory."""
-    kind, place = cls.kinds[name], at + cls.places[name]
-    base = at if origin_of(kind) is Table else place
-    begin, count = base + int(block[place]) // 8, int(block[place + 1])
-    of = held_by(kind)
-    words = block[begin : begin + count * width_of(of)]
-    return words.view(dtype_of(of) if is_row(of) else np.float64 if of is float else np.int64)
-
-
-@cache
-def dtype_of(cls: type[Row]) -> np.dtype[Any]:
-    """Return the NumPy data type of a class of rows."""
-    formats = {int: "i8", float: "f8"}
-    return np.dtype(
-        {
-            "names": list(cls.kinds),
-            "formats": [
-                dtype_of(kind) if is_row(kind) else formats.get(kind, (np.int64, _words_of(kind)))
-                for kind in cls.kinds.values()
-            ],
-            "offsets": [8 * place for place in cls.places.values()],
-            "itemsize": 8 * cls.words,
-        }
-    )

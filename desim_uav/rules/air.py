@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.mobility.walking import LEG_COLUMNS
+from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.radio.scene import (
     BAND,
     BAND_NOISE_DBM,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode, until_full_us
@@ -28,7 +26,7 @@ def land(world: Constants, path: Path, state: State, drone: Drone, phase: int) -
     hand_on_pads(world, state, station)
 
 
-def hand_on_pads(world: Any, state: Any, station: int) -> None:
+def hand_on_pads(world: Constants, state: State, station: int) -> None:
     """Let the first drones in a station's queue begin to charge, as many as it has pads.
 
     This function does nothing in the SimPy engine, whose pads are a ``simpy.Resource``. The

@@ -79,7 +79,7 @@ def record(world: Constants, state: State) -> None:
         record.action, record.action_taken = drone.command, drone.taken
         record.attached_users = observation.attached_users
         record.served_requests = observation.served_requests
-        record.bandwidth_bps = observation.used_hz
+        record.used_hz = observation.used_hz
         record.return_us = 0
         if is_limited(world, drone):
             plan = way_back(world, drone, observation.believed)
@@ -98,7 +98,7 @@ def record(world: Constants, state: State) -> None:
         point_record.served_requests = 0
         for service in range(world.services):
             point_record.served_requests += sender.served[service]
-        point_record.bandwidth_bps = sender.used_hz
+        point_record.used_hz = sender.used_hz
 
 
 @rule

@@ -104,7 +104,7 @@ def renewal_slot(state: State) -> int:
     return separation_slot(state) + 1
 
 
-def slots(state: Any) -> int:
+def slots(state: State) -> int:
     """Return the number of slots for a state.
 
     Only if users are associated ``by_level`` there are those of ``association_slot``, only if there

@@ -10,7 +10,8 @@ the number of users. The regions are those of a grid of at most REGIONS by REGIO
 
 from __future__ import annotations
 
-from typing import Any
+import numpy as np
+from numpy.typing import NDArray
 
 from desim_uav.model.geometry.grid import cell_index
 from desim_uav.model.rules import Mode
@@ -43,7 +44,9 @@ def names_of(drones: int, services: tuple[str, ...], cells: tuple[int, int]) -> 
 
 
 @rule
-def write_state(world: Constants, state: State, places: Any, out: Any) -> None:
+def write_state(
+    world: Constants, state: State, places: NDArray[np.float64], out: NDArray[np.float64]
+) -> None:
     """Write the whole state into ``out``; ``places`` (users, 2) are the users' places in metres."""
     users, services = len(state.users), world.services
     out[0] = 1.0 - state.now_us / world.horizon_us
@@ -57,7 +60,7 @@ def write_state(world: Constants, state: State, places: Any, out: Any) -> None:
 
 
 @rule
-def _write_drone(world: Constants, state: State, d: int, out: Any, at: int) -> int:
+def _write_drone(world: Constants, state: State, d: int, out: NDArray[np.float64], at: int) -> int:
     """Write what concerns a drone from index ``at`` on; return the index after it."""
     observation, users = state.observations[d], len(state.users)
     drone = state.drones[d]
@@ -79,7 +82,9 @@ def _write_drone(world: Constants, state: State, d: int, out: Any, at: int) -> i
 
 
 @rule
-def _write_users(world: Constants, state: State, places: Any, out: Any, at: int) -> None:
+def _write_users(
+    world: Constants, state: State, places: NDArray[np.float64], out: NDArray[np.float64], at: int
+) -> None:
     """Count the users in each state, and those in each region, whose numbers begin at ``at``."""
     nx, ny, users = min(world.nx, REGIONS), min(world.ny, REGIONS), len(state.users)
     for k in range(USER_STATES):

@@ -13,7 +13,7 @@ from desim_uav.errors import did_you_mean
 from desim_uav.model.demand.asking import MOST_BPS, MOST_REQUIRED
 from desim_uav.model.energy.battery import LONGEST_MIN, MOST_CHARGE, in_joules
 from desim_uav.model.geometry.grid import Cell, reachable
-from desim_uav.model.mobility.walking import Area
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.motion.motion import cruise_of, return_transit, transits_over
 from desim_uav.model.motion.wind import motion_in
 from desim_uav.model.rules import US
@@ -23,17 +23,13 @@ from desim_uav.registry import FAULTS, what_failed
 from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario import radio_checks
 from desim_uav.scenario.components import place_of_problem
+from desim_uav.scenario.drones import Drones, flies_freely
 from desim_uav.scenario.epochs import decisions_by_event_fit_the_scenario
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.free import free_flight_fits_the_scenario
 from desim_uav.scenario.layout import start_cells, station_cells
-from desim_uav.scenario.schema import (
-    DrawnObstacles,
-    Drones,
-    ListedObstacles,
-    Scenario,
-    flies_freely,
-)
+from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
+from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath

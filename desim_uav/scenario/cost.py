@@ -15,10 +15,11 @@ import numpy as np
 
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
-from desim_uav.model.mobility.walking import Area
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.services import Volume
+from desim_uav.scenario.drones import flies_freely
 from desim_uav.scenario.epochs import most_epochs
-from desim_uav.scenario.schema import Scenario, flies_freely
+from desim_uav.scenario.schema import Scenario
 
 MOST_EVENTS = 1e10
 """An episode of more events than this would take the fastest engine more than an hour."""

@@ -14,7 +14,7 @@ import numpy as np
 from desim_uav.errors import notice
 from desim_uav.model.demand.demand import Trace as RequestTrace
 from desim_uav.model.geometry.extents import extent_of, like_degrees
-from desim_uav.model.mobility.walking import Area
+from desim_uav.model.mobility.walks import Area
 from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath

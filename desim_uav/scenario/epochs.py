@@ -8,8 +8,9 @@ from desim_uav.model.motion.motion import transits_over
 from desim_uav.model.motion.planner import HOPS
 from desim_uav.model.motion.wind import motion_in
 from desim_uav.model.rules import US
+from desim_uav.scenario.drones import Drones, flies_freely
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.schema import Drones, Scenario, flies_freely
+from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from desim_uav.scenario.drones import Drones, flies_freely
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.schema import Drones, Scenario, flies_freely
+from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
 MOST_WORK = 12_000_000

@@ -26,7 +26,8 @@ from desim_uav.scenario.checks import findings
 from desim_uav.scenario.components import code_of, described, strictly, unchanged
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft, override_path, plain_copy
 from desim_uav.scenario.messages import complaints
-from desim_uav.scenario.schema import Scenario, paper_preset
+from desim_uav.scenario.preset import paper_preset
+from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_scenario
 from desim_uav.typed import typed
 

@@ -12,13 +12,9 @@ from desim_uav.errors import did_you_mean
 from desim_uav.registry import NameOr, Part, names
 from desim_uav.scenario.components import Slot, as_field
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft
-from desim_uav.scenario.schema import (
-    DrawnObstacles,
-    Drones,
-    DroneType,
-    ListedObstacles,
-    Scenario,
-)
+from desim_uav.scenario.drones import Drones, DroneType
+from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
+from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.section import Section
 from desim_uav.scenario.yaml12 import KeyPath
 

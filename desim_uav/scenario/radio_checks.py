@@ -18,7 +18,8 @@ from desim_uav.model.services import Volume
 from desim_uav.registry import FAULTS, what_failed
 from desim_uav.rowcode.components import over_rows
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.schema import DrawnObstacles, Scenario
+from desim_uav.scenario.map import DrawnObstacles
+from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
 LARGEST_UBIT = 10**18

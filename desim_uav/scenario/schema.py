@@ -3,292 +3,54 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, cast
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     Field,
-    StringConstraints,
-    ValidationInfo,
-    field_validator,
     model_validator,
 )
 
-import desim_uav.model
-import desim_uav.rules
-from desim_uav import registry
 from desim_uav.errors import ScenarioError
-from desim_uav.model.admission import Admission
 from desim_uav.model.association import Association, EnteredFirst
 from desim_uav.model.decisions import ByClock, Decisions
 from desim_uav.model.demand.demand import Demand, Dynamic
-from desim_uav.model.energy.battery import Endurance, Energy
 from desim_uav.model.energy.charging import Charging, Constant
-from desim_uav.model.geometry.polygons import MOST_CORNERS, checked
 from desim_uav.model.mobility.mobility import Mobility, RandomWalk
 from desim_uav.model.motion.limits import CALM
-from desim_uav.model.motion.motion import BangCoastBang, Motion
 from desim_uav.model.observations import Encoding
-from desim_uav.model.radio.radio import Disc, LinkClasses, Radio
+from desim_uav.model.radio.radio import LinkClasses, Radio
 from desim_uav.model.rewards import Reward
 from desim_uav.model.services import PAPER, Hold, Volume
-from desim_uav.rules.admission import FirstCome
 from desim_uav.rules.observations import Position
 from desim_uav.rules.rewards import MultiService
-from desim_uav.scenario.components import Slot, errors, strictly
-from desim_uav.scenario.learning import PAPER_LEARNING, Learning
+from desim_uav.scenario.components import errors
+from desim_uav.scenario.drones import Drones, Types, as_fleet, flies_freely
+from desim_uav.scenario.fields import (
+    Height,
+    Length,
+    Metres,
+    Name,
+    Point,
+    RadiusRange,
+    Seed,
+    Velocity,
+)
+from desim_uav.scenario.learning import Learning
+from desim_uav.scenario.map import SIDE_M, Map
 from desim_uav.scenario.section import Fraction, Section
+from desim_uav.scenario.slots import (
+    ASSOCIATION,
+    CHARGING,
+    DECISIONS,
+    DEMAND,
+    LINKS,
+    MOBILITY,
+    OBSERVATION,
+    REWARD,
+    SERVICE,
+)
 from desim_uav.scenario.yaml12 import KeyPath
-
-registry.discover(desim_uav.model, deep=True)
-registry.discover(desim_uav.rules)
-
-MOTION = Slot("motion", "bang_coast_bang", Motion)
-BATTERY = Slot("battery", "endurance", Energy)
-CHARGING = Slot("charging", "constant", Charging)
-ADMISSION = Slot("admission", "first_come", Admission)
-MOBILITY = Slot("mobility", "random_walk", Mobility)
-DEMAND = Slot("demand", "dynamic", Demand)
-REWARD = Slot("reward", "multi_service", Reward)
-OBSERVATION = Slot("observation", "position", Encoding)
-RADIO = Slot("radio", "disc", Radio)
-LINKS = Slot("radio", "link_classes", Radio)
-ASSOCIATION = Slot("association", "entered_first", Association, by_name=True)
-DECISIONS = Slot("decisions", "clock", Decisions, by_name=True)
-SERVICE = Slot("service", "uniform_choice", Hold | Volume)
-
-
-def _ascending(values: tuple[float, float]) -> tuple[float, float]:
-    low, high = values
-    if low > high:
-        raise ValueError(f"must be [low, high] with low <= high; {low:g} is above {high:g}")
-    return values
-
-
-def _rising(values: tuple[float, float]) -> tuple[float, float]:
-    low, high = values
-    if low >= high:
-        raise ValueError(f"must be [low, high] with low < high; {low:g} is not below {high:g}")
-    return values
-
-
-Metres = Annotated[float, Field(ge=0.001, le=1e6)]
-Length = Annotated[float, Field(ge=0, le=1e6)]
-Height = Annotated[float, Field(ge=0.001, le=1e4)]
-Point = tuple[Length, Length]
-Seed = Annotated[int, Field(ge=0, lt=2**63)]
-Index = Annotated[int, Field(ge=0, lt=1000)]
-CellCount = Annotated[int, Field(ge=1, le=1000)]
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$")]
-
-Side = Annotated[float, Field(ge=1, le=1e6)]
-Speed = Annotated[float, Field(ge=-1000, le=1000)]
-Velocity = tuple[Speed, Speed]
-
-FractionRange = Annotated[tuple[Fraction, Fraction], AfterValidator(_ascending)]
-HeightRange = Annotated[tuple[Height, Height], AfterValidator(_ascending)]
-RadiusRange = Annotated[tuple[Metres, Metres], AfterValidator(_ascending)]
-
-
-SIDE_M = 2400.0
-"""The side of the paper's map: radii that are not given are scaled to the shorter side of a map."""
-
-
-class Levels(Section):
-    """The altitudes drones fly at: the lowest, and the step between levels (3D)."""
-
-    later: ClassVar = ("max_altitude_m",)
-
-    min_altitude_m: Height = 20.0
-    """The lowest level, in metres. In 2D it is the only one."""
-    step_m: Height = 20.0
-    """The vertical distance between two levels, in metres."""
-    max_altitude_m: Height | None = None
-    """The altitude up to which there are levels, in metres (3D only): also where buildings are
-    lower or where there are none. null means up to the tallest building. Drones that may fly above
-    the tallest building have one level above it in any case.
-    """
-
-
-class DrawnObstacles(Section):
-    """Buildings to be drawn: covered fraction, heights, the side of a square (null: the cell)."""
-
-    coverage: FractionRange = (0.05, 0.15)
-    """The range from which the covered fraction of the map is drawn."""
-    height_m: HeightRange = (20.0, 60.0)
-    """The range from which the height of each building is drawn, in metres."""
-    square_m: Metres | None = None
-    """The side of a building's square, in metres; null means the size of a cell."""
-
-
-class ListedObstacles(Section):
-    """Buildings one by one: [cell x, cell y, height in metres]."""
-
-    cells: tuple[tuple[Index, Index, Height], ...]
-    """The buildings one by one: [cell x, cell y, height in metres]."""
-
-
-def _obstacles(value: Any) -> Any:
-    if isinstance(value, DrawnObstacles | ListedObstacles):
-        return value
-    if not isinstance(value, Mapping):
-        raise ValueError("must be a mapping, or null for none")
-    return strictly(ListedObstacles if "cells" in value else DrawnObstacles, dict(value))
-
-
-Obstacles = Annotated[DrawnObstacles | ListedObstacles, BeforeValidator(_obstacles)]
-
-Altitude = Annotated[float, Field(ge=0, le=1e4)]
-
-
-class NoFly(Section):
-    """A zone in which no drone may fly: a polygon, from one altitude to another."""
-
-    polygon_m: Annotated[tuple[Point, ...], Field(min_length=3, max_length=MOST_CORNERS)]
-    """The corners [x, y] of the polygon, in metres, in either direction. Its edges must meet only
-    at the corners between neighbours.
-    """
-    altitude_m: Annotated[tuple[Altitude, Altitude], AfterValidator(_rising)] = (0.0, 10_000.0)
-    """The lowest and the highest altitude of the zone, in metres."""
-
-    @field_validator("polygon_m")
-    @classmethod
-    def _is_simple(cls, corners: tuple[Point, ...]) -> tuple[Point, ...]:
-        checked(corners)
-        return corners
-
-
-class Map(Section):
-    """The map: its size, its cells, and in 3D its levels and obstacles."""
-
-    later: ClassVar = ("no_fly",)
-
-    size_m: tuple[Side, Side] = (SIDE_M, SIDE_M)
-    """The width (to the east) and depth (to the north) of the map, in metres."""
-    cells: tuple[CellCount, CellCount] = (10, 10)
-    """The number of cells along x and along y. Drones fly from cell centre to cell centre."""
-    dimensions: Literal[2, 3] = 3
-    """3: drones change altitude between buildings. 2: they fly above everything."""
-    levels: Levels = Levels()
-    """The altitudes at which drones fly."""
-    obstacles: Obstacles | None = DrawnObstacles()
-    """The buildings (3D only): drawn, or listed under `cells`; null means none."""
-    no_fly: Annotated[tuple[NoFly, ...], Field(max_length=1000)] = ()
-    """The zones in which no drone may fly. They need `motion: {space: free}` of all drones."""
-
-    @model_validator(mode="after")
-    def _nothing_stands_in_the_way_in_2d(self) -> Map:
-        if self.dimensions == 2 and "obstacles" not in self.model_fields_set:
-            self._settle(obstacles=None)
-        return self
-
-    @property
-    def tallest_m(self) -> float:
-        """The height of the tallest building that there can be, in metres; 0 without any."""
-        if self.dimensions == 2 or self.obstacles is None:
-            return 0.0
-        if isinstance(self.obstacles, DrawnObstacles):
-            return self.obstacles.height_m[1]
-        return max((height for *_, height in self.obstacles.cells), default=0.0)
-
-    @property
-    def most_levels(self) -> int:
-        """The largest number of levels that there can be (see ``grid.altitudes``)."""
-        lowest_m, step_m = self.levels.min_altitude_m, self.levels.step_m
-        if self.dimensions == 2:
-            return 1
-        above = int(max(self.tallest_m - lowest_m, -step_m) // step_m) + 2
-        most_m = max(self.levels.max_altitude_m or 0.0, lowest_m)
-        return max(above, int((most_m - lowest_m) // step_m) + 1)
-
-    @property
-    def cell_m(self) -> tuple[float, float]:
-        """The size of a cell along x and y."""
-        return self.size_m[0] / self.cells[0], self.size_m[1] / self.cells[1]
-
-
-MOST_DRONES, MOST_TYPES = 10_000, 100
-"""The largest number of drones, and of their types."""
-
-
-class Drones(Section):
-    """The drones: how many, what they cover and carry, how they fly."""
-
-    count: Annotated[int, Field(ge=1, le=MOST_DRONES)] = 3
-    """The number of drones."""
-    start_cells: tuple[tuple[Index, Index], ...] | None = None
-    """The cell [x, y] in which each drone starts; null means on the charging stations in turn,
-    or on a circle if there are none.
-    """
-    footprint_radius_m: Metres = 600.0
-    """The radius of the disc on the ground that a drone covers, in metres."""
-    bandwidth_kbps: Annotated[float, Field(ge=0.001, le=1e9)] | None = 5000.0
-    """The bandwidth of each drone, in kbit/s; null means unlimited."""
-    radio: Annotated[Radio, RADIO] = cast(Radio, Disc())
-    """How drones reach users: the paper's disc, or links whose classes follow from path loss."""
-    motion: Annotated[Motion, MOTION] = BangCoastBang()
-    """How drones fly from one cell to the next."""
-    battery: Annotated[Energy, BATTERY] | None = cast(Energy, Endurance())
-    """The battery and its energy model; null means an unlimited battery."""
-    admission: Annotated[Admission, ADMISSION] = FirstCome()
-    """Which of the waiting requests a drone serves."""
-
-    @model_validator(mode="after")
-    def _radio_decides(self) -> Drones:
-        if self.radio.graded:
-            replaced = {
-                "footprint_radius_m": "its path loss says how far links reach",
-                "bandwidth_kbps": "give radio.bandwidth_mhz",
-            }
-            problems: list[tuple[KeyPath, str, object]] = [
-                ((key,), f"not beside radio: {{kind: link_classes}}; {instead}", getattr(self, key))
-                for key, instead in replaced.items()
-                if key in self.model_fields_set
-            ]
-            if problems:
-                raise errors(problems)
-        return self
-
-
-class DroneType(Drones):
-    """A type of drones, if there are several of them: its name, and the keys of `drones`."""
-
-    name: Name
-    """The name of the type, which no other type has."""
-
-
-def flies_freely(drones: Drones) -> bool:
-    """Return whether drones fly freely, and not from cell to cell."""
-    motion = drones.motion
-    return isinstance(motion, BangCoastBang) and motion.space == "free"
-
-
-Types = Annotated[tuple[DroneType, ...], Field(min_length=1, max_length=MOST_TYPES)]
-
-
-def _fleet(value: Any, info: ValidationInfo) -> Any:
-    if isinstance(value, Drones | tuple):
-        return value
-    if isinstance(value, Mapping):
-        return strictly(Drones, dict(value), info.context)
-    if not isinstance(value, list):
-        raise ValueError("must be a mapping, or a list of mappings, one for each type of drones")
-    types: tuple[DroneType, ...] = strictly(cast(type, Types), value, info.context)
-    problems: list[tuple[KeyPath, str, object]] = []
-    first: dict[str, int] = {}
-    for number, one in enumerate(types):
-        if one.name in first:
-            message = f"is the name of drones.{first[one.name]} too; names must differ"
-            problems.append(((number, "name"), message, one.name))
-        first.setdefault(one.name, number)
-    if problems:
-        raise errors(problems)
-    drones = sum(one.count for one in types)
-    if drones > MOST_DRONES:
-        raise ValueError(f"has {drones} drones in all; at most {MOST_DRONES}")
-    return types
 
 
 class Stations(Section):
@@ -413,7 +175,7 @@ class Scenario(Section):
     """`paper`: the defaults of the paper's code instead of the simulator's."""
     map: Map = Map()
     """The map: its size, its cells, and in 3D its levels and buildings."""
-    drones: Annotated[Drones | Types, BeforeValidator(_fleet)] = Drones()
+    drones: Annotated[Drones | Types, BeforeValidator(as_fleet)] = Drones()
     """The drones: how many there are, what they cover, and how they fly; or a list of types, each
     with a name and keys of its own.
     """
@@ -614,39 +376,3 @@ class Scenario(Section):
     def effective_world_seed(self) -> int:
         """The seed the world is drawn from."""
         return self.seed if self.world_seed is None else self.world_seed
-
-
-def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The paper's code as defaults beneath the keys of a file: ``given`` with them filled in."""
-    filled = dict(given)
-    drones = given.get("drones", {})
-    if isinstance(drones, Mapping):
-        filled["drones"] = _paper_drones(drones)
-    elif isinstance(drones, list):
-        filled["drones"] = [_paper_drones(d) if isinstance(d, Mapping) else d for d in drones]
-    filled = _with_default(filled, "demand", DEMAND, "none", 0.1)
-    filled = _with_default(filled, "reward", REWARD, "cost_sign", 1.0)
-    learning = given.get("learning", {})
-    if isinstance(learning, Mapping):
-        filled["learning"] = PAPER_LEARNING | dict(learning)
-        for key in ("alpha", "epsilon"):
-            if isinstance(learning.get(key), Mapping):
-                filled["learning"][key] = PAPER_LEARNING[key] | dict(learning[key])
-    return filled
-
-
-def _paper_drones(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Drones, or a type of them, with the default of the paper's code."""
-    return _with_default(given, "battery", BATTERY, "respawn_after_min", 0.0)
-
-
-def _with_default(
-    given: Mapping[str, Any], key: str, slot: Slot, parameter: str, value: float
-) -> dict[str, Any]:
-    """``given`` with a parameter of the component at ``key``, where its kind has one to give."""
-    component = given.get(key, {})
-    if not isinstance(component, Mapping):
-        return dict(given)
-    if parameter not in slot.parameter_names(component.get("kind")):
-        return dict(given)
-    return {**given, key: {parameter: value, **component}}

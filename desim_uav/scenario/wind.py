@@ -10,8 +10,9 @@ from desim_uav.model.energy.battery import in_joules, time_of_hover_problems
 from desim_uav.model.motion.limits import CALM, Wind
 from desim_uav.model.motion.wind import motion_in
 from desim_uav.registry import FAULTS, what_failed
+from desim_uav.scenario.drones import Drones
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.schema import Drones, Scenario
+from desim_uav.scenario.schema import Scenario
 
 
 def drones_can_fly_in_the_wind(scenario: Scenario) -> Iterator[Finding]:

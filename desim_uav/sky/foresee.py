@@ -13,7 +13,7 @@ from desim_uav.model.geometry.coverage import (
     sort_into_buckets,
 )
 from desim_uav.model.geometry.crossings import crossings, crossings_near
-from desim_uav.model.mobility.walking import LEG_COLUMNS
+from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.radio.between import WINDOW_COLUMNS, Climb, class_changes_between
 from desim_uav.model.radio.fits import TERM_COLUMNS
 from desim_uav.model.radio.nested import class_changes

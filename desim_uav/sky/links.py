@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.mobility.walking import LEG_COLUMNS
+from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.radio.air import (
     FOUND,
     FOUND_AT,

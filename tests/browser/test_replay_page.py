@@ -162,7 +162,7 @@ class TestAgainstTheEngine:
                 assert drone["attached_users"] == observed.attached_users
                 assert drone["served_requests"] == observed.served_requests
                 if name not in GRADED:  # where it is the rate of the served requests, on average
-                    assert drone["bandwidth_kbps"] == pytest.approx(observed.bandwidth_kbps)
+                    assert drone["bandwidth_kbps"] == pytest.approx(observed.bandwidth_khz)
                 if observed.battery_s is None:
                     assert drone["battery_s"] is None
                 else:

@@ -258,7 +258,7 @@ def decided(engine: Engine, path: SamplePath, since_us: int, seed: int) -> dict[
     What they are told depends on the time and the drone alone.
     """
     shown, known = engine.reset(path), {}
-    alone = {"step": 0, "steps": 0, "attached_users": 0, "served_requests": 0, "bandwidth_kbps": 0}
+    alone = {"step": 0, "steps": 0, "attached_users": 0, "served_requests": 0, "bandwidth_khz": 0}
     while not (shown.terminated or shown.truncated):
         t_us, commands = shown.t_us + since_us, []
         for d, (one, mask) in enumerate(zip(shown.observations, shown.masks, strict=True)):

@@ -319,7 +319,7 @@ def of_drone(step: Step, since: int, since_us: int) -> tuple[Any, ...]:
 
 def known(shown: Snapshot) -> list[Any]:
     """What drones know of themselves, and may do."""
-    alone = {"step": 0, "steps": 0, "attached_users": 0, "served_requests": 0, "bandwidth_kbps": 0}
+    alone = {"step": 0, "steps": 0, "attached_users": 0, "served_requests": 0, "bandwidth_khz": 0}
     return [
         (drone._replace(**alone, served=(), asking=()), mask)
         for drone, mask in zip(shown.observations, shown.masks, strict=True)

@@ -67,7 +67,7 @@ def check_step(engine: Simulation, before: Snapshot, commands: list[int]) -> Non
         assert record.action_taken is obeyed(command, mask, actions)
         assert mask[actions.index(record.action_taken)]
         if record.mode is not Mode.FLYING:
-            assert record.attached_users == record.served_requests == record.bandwidth_bps == 0
+            assert record.attached_users == record.served_requests == record.used_hz == 0
 
 
 def check_episode(engine: Simulation) -> None:

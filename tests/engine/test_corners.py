@@ -133,7 +133,7 @@ def test_every_way_home_can_be_gone_on_with():
     """From each cell, with its first hop under way and the others to go."""
     world = returning(cells=(5, 5), starts=[(0, 0)], users=[(0, 0)], steps=4)
     for x, y in np.ndindex(5, 5):
-        first, *others = world.planner.plan((x, y, 0)).hops or (None,)
+        first, *others = world.only_type.planner.plan((x, y, 0)).hops or (None,)
         under_way = resting((x, y, 0), 300, mode=Mode.RETURNING, hop=first, route=tuple(others))
         log = alike(both(world, (under_way,)), path_of(world))
         assert log.distance_m == pytest.approx(240 * (abs(x - 2) + abs(y - 2)))

@@ -182,13 +182,15 @@ def test_a_fallen_drone_knows_where_it_is():
 def test_reaching_a_station_with_the_last_of_the_battery_is_an_arrival(hops: int):
     battery = {"autonomy_min": hops * HOP_US / 60e6, "return_below": 1.0}
     world = strip([(4 - hops, 0)], battery=battery, steps=3)
-    assert world.capacity_us == hops * HOP_US
+    assert world.only_type.capacity_us == hops * HOP_US
     log = fly(world, path_of(world), "goto")
     assert seen(log, "land", "charge", "deplete", "crash") == events(f"""
         {hops * HOP_US}  3  land    0  -  -  0
         {hops * HOP_US}  3  charge  0  -  -  0
     """)
-    assert log.steps[-1].battery_us == (180 * US - hops * HOP_US) * world.capacity_us // (300 * US)
+    assert log.steps[-1].battery_us == (180 * US - hops * HOP_US) * world.only_type.capacity_us // (
+        300 * US
+    )
 
 
 @pytest.mark.parametrize("short_us", [1, HOP_US])
@@ -198,7 +200,7 @@ def test_a_drone_that_is_empty_before_its_station_falls(short_us: int):
     world = strip(
         [(2, 0)], battery={"autonomy_min": capacity_us / 60e6, "return_below": 1.0}, steps=2
     )
-    assert world.capacity_us == capacity_us
+    assert world.only_type.capacity_us == capacity_us
     log = fly(world, path_of(world), "goto")
     assert seen(log, "arrive", "land", "deplete", "crash") == events(f"""
         {HOP_US}       3  arrive   0

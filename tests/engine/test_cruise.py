@@ -93,7 +93,7 @@ def test_each_speed_takes_the_energy_of_its_leg_and_of_the_hover_after_it():
     charges = [30 * 3_600_000_000, *(step.battery_us for step in log.steps)]
     used = [before - after for before, after in pairwise(charges)]
     rest_s, hover_w = (60 - 49.25, 60 - 17, 60), 168.48421774108203
-    legs = [world.epoch_transits[AtSpeed(Action.RIGHT, v)] for v in (5.0, 20.0)]
+    legs = [world.only_type.epoch_transits[AtSpeed(Action.RIGHT, v)] for v in (5.0, 20.0)]
     flown_j = [energy.drains(leg, leg.duration_us) / 1e6 for leg in legs]
     assert flown_j == pytest.approx([7111.3, 2691.0], abs=0.05)
     expected = [flown + hover_w * s for flown, s in zip((*flown_j, 0.0), rest_s, strict=True)]

@@ -28,9 +28,9 @@ def test_what_a_step_records():
     asks = {0: [(0, 100, 300)], 1: [(10, 100, 200)]}
     log = fly(world, path_of(world, asks), "hover right")
     first, second = log.steps
-    assert (first.attached_users, first.served_requests, first.bandwidth_bps) == (2, 1, 300_000)
+    assert (first.attached_users, first.served_requests, first.used_hz) == (2, 1, 300_000)
     assert (first.x_m, first.battery_us, first.return_us) == (120.0, None, None)
-    assert (second.attached_users, second.served_requests, second.bandwidth_bps) == (0, 0, 0)
+    assert (second.attached_users, second.served_requests, second.used_hz) == (0, 0, 0)
     assert second.x_m == 360.0
 
 

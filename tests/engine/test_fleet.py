@@ -236,7 +236,7 @@ def test_facts_know_of_a_battery_that_others_have():
     first, *_, third = (world.facts_of(d) for d in range(3))
     assert isinstance(first, Facts)
     assert (first.capacity_s, third.capacity_s) == (600.0, None)
-    assert (first.bandwidth_kbps, third.bandwidth_kbps) == (500.0, math.inf)
+    assert (first.bandwidth_khz, third.bandwidth_khz) == (500.0, math.inf)
     assert first.some_charge and third.some_charge
 
 

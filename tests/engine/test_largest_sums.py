@@ -22,7 +22,8 @@ from desim_uav.model.mobility import walking
 from desim_uav.model.rules import US
 from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.kernels import kernel
-from desim_uav.rowcode.rows import Table, View, blank, packed
+from desim_uav.rowcode.rows import Table, blank, packed
+from desim_uav.rowcode.views import View
 from desim_uav.rules import requests, wide
 from desim_uav.rules.qoe_reward import fair_times
 from desim_uav.rules.rows import Constants, State, User, Wide

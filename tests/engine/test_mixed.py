@@ -219,7 +219,7 @@ CLIMBS = {
 }
 WINDY = {"kind": "rotary_wing", "capacity_wh": 16.0, "return_below": 0.9}
 KEYS = ("t_us", "x_m", "y_m", "z_m", "mode", "battery_us", "return_us", "action", "action_taken")
-SERVICE = ("attached_users", "served_requests", "bandwidth_bps", "used", "aim_x", "aim_y", "aim_z")
+SERVICE = ("attached_users", "served_requests", "used_hz", "used", "aim_x", "aim_y", "aim_z")
 
 
 def told_of(seed: int, three_d: bool) -> list[Told]:

@@ -188,7 +188,7 @@ def test_a_battery_of_actions_is_empty_within_a_hop():
     # A minute and 2 us: the second hop takes 60 / 30.990663 us a us, 1 after one and 3 after two.
     battery = PER_ACTION | {"autonomy_min": 60_000_002 / 60e6}
     world = strip([(2, 0)], battery=battery, steps=1, timing="fill_epoch")
-    assert world.capacity_us == 60_000_002
+    assert world.only_type.capacity_us == 60_000_002
     log = fly(world, path_of(world), "goto")
     assert seen(log, "crash") == [(HOP_US + 2, 6, "crash", 0, -1, -1, -1)]
     assert log.steps[0].battery_us == 0

@@ -112,7 +112,7 @@ def test_n_b_is_the_battery_a_return_takes():
     )
     engine = Simulation(world, RunSettings((True,), False), audit)
     shown = engine.reset(draw(world, 0, 0))
-    plan = world.planner.plan((0, 0, 0))
+    plan = world.only_type.planner.plan((0, 0, 0))
     assert plan is not None
     assert plan.duration_us == 10 * 30_990_663
     assert shown.observations[0].return_s == pytest.approx(3 * plan.duration_us / 1e6)

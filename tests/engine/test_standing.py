@@ -37,7 +37,7 @@ def test_every_leg_is_as_it_is_foreseen(case: str):
     drone.serving, drone.level, drone.to_level = 1, 0, 0
     state.now_us = drone.since_us = 0
     for x, y in np.ndindex(nx, ny):
-        for action, transit in world.epoch_transits.items():
+        for action, transit in world.only_type.epoch_transits.items():
             dx, dy, dlevel = MOVES[action]
             if dlevel != 0 or not grid.can_enter(x + dx, y + dy, 0, True):
                 continue

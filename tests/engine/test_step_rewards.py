@@ -258,7 +258,7 @@ def paid(world: World, step: Step, drone: int, counted: Counts) -> float:
     weight, danger = 1.0, 0.0
     if step.battery_us is not None:
         assert step.return_us is not None
-        c1 = Fraction(str(reward.low_battery)) * world.capacity_us
+        c1 = Fraction(str(reward.low_battery)) * world.only_type.capacity_us
         bounds = [round(c1 / Fraction(3, 2) ** k) for k in range(4)]
         band = sum(step.battery_us <= bound for bound in bounds)  # 0: above c1 … 4: at or below c4
         safe = step.battery_us > step.return_us

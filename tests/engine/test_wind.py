@@ -130,7 +130,7 @@ def test_energy_of_moves_and_hovers(wind: tuple[float, float]):
     world = windy(wind, rotary(30.0), steps=4)
     log = fly(world, path_of(world), "hover right left hover")
     hover_w = float(power_w(math.hypot(*wind), *POWERS))
-    right, left = (world.epoch_transits[a] for a in (Action.RIGHT, Action.LEFT))
+    right, left = (world.only_type.epoch_transits[a] for a in (Action.RIGHT, Action.LEFT))
     used_j = [
         60 * hover_w,
         air_j(right, wind, (1, 0, 0), 60.0),
@@ -161,7 +161,7 @@ def test_a_battery_ends_with_the_microsecond_of_its_last_joule(told: str, wind: 
     world = windy(wind, rotary(0.8, on_crash="remove"), starts=[(3, 0)], steps=1)
     (t_us,) = [event[0] for event in seen(fly(world, path_of(world), told), "crash")]
     way = {"hover": (0, 0, 0), "right": (1, 0, 0), "left": (-1, 0, 0)}[told]
-    flight = world.epoch_transits.get(Action[told.upper()], REST)
+    flight = world.only_type.epoch_transits.get(Action[told.upper()], REST)
     before, after = (air_j(flight, wind, way, t / 1e6) for t in (t_us - 1, t_us))
     assert 1e6 * before - 2 < 0.8 * 3.6e9 <= 1e6 * after + 2
 
@@ -173,7 +173,7 @@ def test_n_b_is_that_of_the_direction():
     flight = Flight(world)
     log = flight.episode(path_of(world), "goto")
     assert [event[0] for event in seen(log, "land")] == [98_500_000]
-    hop_j = air_j(world.return_transits[-1, 0, 0], (5.0, 0.0), (-1, 0, 0), 49.25)
+    hop_j = air_j(world.only_type.return_transits[-1, 0, 0], (5.0, 0.0), (-1, 0, 0), 49.25)
     hover_w = float(power_w(5.0, *POWERS))
     assert flight.shown[0].observations[0].return_s == pytest.approx(2 * hop_j / hover_w, rel=1e-8)
     other = windy([-5, 0], rotary(30.0), starts=[(6, 0)])
@@ -189,7 +189,7 @@ def test_a_return_goes_where_the_wind_leads_it():
 
     calm, blown = world([0, 0]), world([0, 5])
     assert calm.stations == ((0, 7), (0, 1))
-    south, north = (each.planner.plan((0, 3, 0)) for each in (calm, blown))
+    south, north = (each.only_type.planner.plan((0, 3, 0)) for each in (calm, blown))
     assert south is not None and north is not None
     assert south.hops == 2 * ((0, -1, 0),)
     assert (north.hops, north.duration_us) == (4 * ((0, 1, 0),), 79 * US)

@@ -142,7 +142,7 @@ def unrolled(process):
     Forced steps are states of their own.
     """
     world = process.world
-    at_stations = [((*cell, 0), world.capacity_us) for cell in world.stations]
+    at_stations = [((*cell, 0), world.only_type.capacity_us) for cell in world.stations]
     per_step = world.step_us * len(world.homes)
     chains, waiting = {}, [process.start]
     while waiting:
@@ -154,9 +154,9 @@ def unrolled(process):
             steps, follows = process.outcome(state, action)
             if follows is not None:
                 ends = [(1.0, follows)]
-            elif world.on_crash == "respawn":
+            elif world.only_type.on_crash == "respawn":
                 ends = [(1 / len(at_stations), end) for end in at_stations]
-            elif world.on_crash == "end_episode":
+            elif world.only_type.on_crash == "end_episode":
                 ends = [(1.0, process.start)]
             else:
                 nothing = ("nothing", steps[-1].reward)

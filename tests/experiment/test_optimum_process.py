@@ -111,15 +111,15 @@ class Both:
             self.promised_us += promised.attached_us
             replaced = outcome.state is None and k + 1 == len(outcome.steps)
             self.agrees(promised, replaced)
-        if outcome.state is None and world.on_crash == "remove":
+        if outcome.state is None and world.only_type.on_crash == "remove":
             return False
         self.go_on()
         seen = self.shown.observations[0]
         self.state = outcome.state
         if outcome.state is None:  # another drone: wherever the engine says
-            places = world.starts if world.on_crash == "end_episode" else world.stations
+            places = world.starts if world.only_type.on_crash == "end_episode" else world.stations
             assert seen.cell in places
-            self.state = ((*seen.cell, 0), world.capacity_us)
+            self.state = ((*seen.cell, 0), world.only_type.capacity_us)
         assert seen.mode in (Mode.FLYING, Mode.CHARGED)
         assert (*seen.cell, seen.level) == self.state[0]
         assert seen.battery_s is None or round(seen.battery_s * US) == self.state[1]
@@ -225,7 +225,7 @@ def flown(world, state, action):
         attached_us = attached(engine.log.events, row.t_us - world.step_us, row.t_us)
         told = (row.mode, place, row.battery_us / US, row.attached_users, row.reward)
         steps.append((*told, attached_us))
-        gone = engine.log.crashes and world.on_crash != "respawn"
+        gone = engine.log.crashes and world.only_type.on_crash != "respawn"
         decides = bool(drone.waits or gone)
     there = (drone.x, drone.y, drone.level), engine.state.observations[0].battery_us
     return steps, None if engine.log.crashes else there
@@ -268,7 +268,7 @@ def test_every_action_in_random_states(kind, on_crash):
     nodes = flown_to(world)
     ends = set()
     for k in range(48):
-        most_us = 2 * world.step_us if k % 4 == 0 else world.capacity_us
+        most_us = 2 * world.step_us if k % 4 == 0 else world.only_type.capacity_us
         state = nodes[rng.integers(len(nodes))], int(rng.integers(1, most_us))
         for action in process.allowed(state):
             assert as_flown(world, process, state, action), (state, action)

@@ -19,11 +19,11 @@ from desim_uav.experiment import report as reporting
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.statistics import estimate
+from desim_uav.parquet_file import parquet
 from desim_uav.report import page as page_module
 from desim_uav.report import run_page
 from desim_uav.report.markup import Html
 from desim_uav.report.text import COMPARED, MEASURES
-from desim_uav.run_folder import parquet
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted

@@ -18,9 +18,9 @@ from desim_uav.experiment import reproduce
 from desim_uav.experiment.paper_table import _over_cases, claims, lines, markdown
 from desim_uav.experiment.published import POLICIES, PUBLISHED, best_qoe3
 from desim_uav.experiment.reproduce import Job, best_cover, jobs, numbers, run_job, run_jobs
+from desim_uav.parquet_file import read_table as read_parquet
 from desim_uav.policies.tabular import read_table
 from desim_uav.records import EPISODES
-from desim_uav.run_folder import read_table as read_parquet
 
 SEEDS = ("--seeds", 2, "--first-seed", 0)
 

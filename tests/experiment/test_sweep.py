@@ -19,8 +19,8 @@ from desim_uav.experiment.sweep import job, run
 from desim_uav.experiment.sweep.grid import axes
 from desim_uav.experiment.sweep.pictures import plot_sweep, sweep_report
 from desim_uav.experiment.sweep.plan import Asked, arms, policy_digest
+from desim_uav.lock import held
 from desim_uav.policies.tabular import read_table
-from desim_uav.run_folder import held
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from tests.command_line import IN_TROUBLE, runner, with_plug_ins

@@ -21,9 +21,9 @@ from desim_uav.experiment.train.course import train
 from desim_uav.experiment.train.folder import train_to_folder
 from desim_uav.learning.checkpoint import FORMAT
 from desim_uav.model.observations import Feature
+from desim_uav.parquet_file import read_table
 from desim_uav.records import TRAINING
 from desim_uav.report.figures.training import read_training
-from desim_uav.run_folder import read_table
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.scenario.schema import Scenario
 

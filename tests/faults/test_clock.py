@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from desim_uav import run_folder
+from desim_uav import lock
 from desim_uav.experiment import provenance
 from desim_uav.experiment.sweep import folder as sweep_folder
 from tests.command_line import runner
@@ -43,7 +43,7 @@ def jumps(monkeypatch):
     def begin():
         monkeypatch.setattr(time, "time", lambda: seconds() + away())
         monkeypatch.setattr(time, "time_ns", lambda: nanoseconds() + away() * 10**9)
-        for module in (provenance, run_folder, sweep_folder):
+        for module in (provenance, lock, sweep_folder):
             monkeypatch.setattr(module, "datetime", Jumping)
         return found
 
@@ -126,7 +126,7 @@ def test_a_sweep_goes_on(command, jumps):
 
 def test_a_lock_holds(jumps, tmp_path):
     jumps()
-    with run_folder.held(tmp_path / "mine"):
+    with lock.held(tmp_path / "mine"):
         for _ in range(5):
-            with pytest.raises(run_folder.UsageError, match="is writing to it"):
-                run_folder.held(tmp_path / "mine").__enter__()
+            with pytest.raises(lock.UsageError, match="is writing to it"):
+                lock.held(tmp_path / "mine").__enter__()

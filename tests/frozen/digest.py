@@ -11,17 +11,22 @@ import pandas as pd
 DIGITS = 16
 """So many hexadecimal digits of a SHA-256 are kept, which are 64 bits."""
 
+RENAMED = {"bandwidth_kbps": "bandwidth_khz"}
+"""The present names of columns that had another name when digests were frozen (steps, points)."""
+
 
 def of_table(frame: pd.DataFrame, columns: Mapping[str, str]) -> str:
     """Return the digest of these columns of a table; the types are those of ``records``.
 
-    A column that has been added to the table since does not change its digest. It does not depend
-    on how pandas stores a column either, nor on the payload of a NaN, which stands for null.
+    A column that has been added to the table since does not change its digest, nor does one that
+    has been ``RENAMED``: it is digested under its old name. The digest does not depend on how
+    pandas stores a column either, nor on the payload of a NaN, which stands for null.
     """
     digest = hashlib.sha256()
     for name, dtype in columns.items():
         digest.update(f"{name}:{dtype}:{len(frame)};".encode())
-        for part in _values(frame[name], dtype):
+        own = name if name in frame else RENAMED[name]
+        for part in _values(frame[own], dtype):
             digest.update(part)
     return digest.hexdigest()[:DIGITS]
 

@@ -34,14 +34,14 @@ SERVICES = ("throughput", "edge_computing", "data_gathering")
 def facts_of(
     three_d: bool = True,
     capacity_s: float | None = 1800.0,
-    bandwidth_kbps: float = 5000.0,
+    bandwidth_khz: float = 5000.0,
     services: tuple[str, ...] = SERVICES,
 ) -> Facts:
     """4 x 8 cells of 150 x 200 m, stations on (2, 3) and (0, 0), ten users, levels 20, 40, 60 m."""
     grid = Grid(600.0, 1600.0, np.zeros((4, 8)), (20.0, 40.0, 60.0), 20.0, 2)
     stations, clusters = ((2, 3), (0, 0)), np.empty((0, 3))
     known = (grid, stations, clusters, 3, 10, services, 30, 60.0)
-    return Facts(*known, three_d, capacity_s, bandwidth_kbps)
+    return Facts(*known, three_d, capacity_s, bandwidth_khz)
 
 
 def seen(**changes: Any) -> Observation:
@@ -58,7 +58,7 @@ def seen(**changes: Any) -> Observation:
         return_s=180.0,
         attached_users=4,
         served_requests=3,
-        bandwidth_kbps=1250.0,
+        bandwidth_khz=1250.0,
         station=0,
         flight_s=360.0,
         served=(2, 0, 1),
@@ -215,16 +215,16 @@ def test_the_bearing_is_from_north_to_the_nearest_station(cell, station, bearing
 
 
 def test_what_cannot_be_had_is_at_its_bound():
-    free = named(Local(), seen(), facts_of(bandwidth_kbps=math.inf))
+    free = named(Local(), seen(), facts_of(bandwidth_khz=math.inf))
     assert free["bandwidth_left"] == 1.0
     lost = named(Local(), seen(return_s=math.inf, station=None, flight_s=None), facts_of())
     home = ("n_b", "bearing_sin", "bearing_cos", "flight_time")
     assert [lost[name] for name in home] == [1.0, 0.0, 0.0, 1.0]
     far = named(Local(), seen(return_s=1801.0, flight_s=9999.0), facts_of())
     assert (far["n_b"], far["flight_time"]) == (1.0, 1.0)
-    start = named(Local(), seen(step=0, battery_s=1800.0, bandwidth_kbps=0.0), facts_of())
+    start = named(Local(), seen(step=0, battery_s=1800.0, bandwidth_khz=0.0), facts_of())
     assert [start[name] for name in ("time_left", "battery", "bandwidth_left")] == [1.0] * 3
-    end = named(Local(), seen(step=30, battery_s=0.0, bandwidth_kbps=5000.0), facts_of())
+    end = named(Local(), seen(step=30, battery_s=0.0, bandwidth_khz=5000.0), facts_of())
     assert [end[name] for name in ("time_left", "battery", "bandwidth_left")] == [0.0] * 3
 
 

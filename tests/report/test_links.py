@@ -46,7 +46,7 @@ def test_a_disc_is_one_ring() -> None:
             "capacity_us": 1_800_000_000,
             "capacity_wh": None,
             "hover_w": None,
-            "bandwidth_bps": 5_000_000,
+            "bandwidth_hz": 5_000_000,
             "footprint_m": 600.0,
             "rings": None,
         }
@@ -68,7 +68,7 @@ def test_each_type_has_its_own_rings() -> None:
     low, radio = content["types"]
     assert content["type_of"] == [0, 1, 1]
     assert (low["name"], low["footprint_m"], low["rings"]) == ("low", 300.0, None)
-    assert (low["capacity_us"], low["bandwidth_bps"]) == (None, None)
+    assert (low["capacity_us"], low["bandwidth_hz"]) == (None, None)
     assert (radio["name"], radio["capacity_us"]) == ("radio", 1_800_000_000)
     lowest_m = world.grid.levels_m[0]
     assert radio["rings"]["radii_m"][0] == pytest.approx(rings_m(world, lowest_m, 1), abs=0.06)

@@ -11,11 +11,11 @@ from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.run import run_settings
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import US, Mode, Phase
+from desim_uav.parquet_file import parquet
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import decide
 from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run
-from desim_uav.run_folder import parquet
 from desim_uav.sample_path import draw
 from tests.report.helpers import make_run
 

@@ -20,12 +20,12 @@ from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay.again import played_again
 from desim_uav.experiment.replay.page import write_replay
 from desim_uav.model.energy.charging import Constant, Swap, Tapered
+from desim_uav.parquet_file import parquet
 from desim_uav.report.batteries import battery_knots
 from desim_uav.report.replay.columns import codes, delta, floats, pack, plain, unpack
 from desim_uav.report.replay.data import KINDS, TAKING, Encoder
 from desim_uav.report.replay.page import MODULES, asset, bundle, page
 from desim_uav.report.run import Run
-from desim_uav.run_folder import parquet
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from tests.reference.energy import Rotor

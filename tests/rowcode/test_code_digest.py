@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from desim_uav.learning import fused
-from desim_uav.rowcode import compiled_queues, compiled_rows, numba_parts
+from desim_uav.rowcode import compiled_queues, compiled_rows, compiled_types, numba_parts
 from desim_uav.rowcode.code_digest import code_digest
 from desim_uav.rowcode.rows import Row, row
 
@@ -199,7 +199,7 @@ def test_rows_elsewhere_do_not_count():
 
 @pytest.mark.parametrize(
     ("module", "name"),
-    [(compiled_rows, "_get"), (compiled_queues, "_append"), (numba_parts, "keep_in")],
+    [(compiled_types, "get_field"), (compiled_queues, "_append"), (numba_parts, "keep_in")],
 )
 def test_how_rows_are_compiled_counts_for_what_is_over_rows(
     module: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch
@@ -231,8 +231,8 @@ def test_the_kernels_of_the_engine_are_over_rows(monkeypatch: pytest.MonkeyPatch
         if hasattr(value, "py_func") and value.py_func.__module__ == calls.__name__
     ]
     before = [code_digest(kernel.py_func) for kernel in kernels]
-    code = compiled_rows._get.__code__.replace(co_consts=("changed",) * 9)
-    monkeypatch.setattr(compiled_rows, "_get", FunctionType(code, vars(compiled_rows)))
+    code = compiled_types.get_field.__code__.replace(co_consts=("changed",) * 9)
+    monkeypatch.setattr(compiled_types, "get_field", FunctionType(code, vars(compiled_types)))
     after = [code_digest(kernel.py_func) for kernel in kernels]
     assert len(kernels) > 3
     assert all(one != other for one, other in zip(before, after, strict=True))

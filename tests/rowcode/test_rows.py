@@ -14,31 +14,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from desim_uav.rowcode.compiled_registers import either
-from desim_uav.rowcode.compiled_rows import (
-    address_of,
-    as_array,
-    call,
-    entries_at,
-    pointer_to,
-)
+from desim_uav.rowcode.compiled_rows import address_of, as_array, call, entries_at, pointer_to
 from desim_uav.rowcode.kernels import OPTIONS, rule
 from desim_uav.rowcode.rows import (
     Queue,
     Row,
     Table,
-    View,
     Words,
     address,
-    array_of,
     blank,
-    dtype_of,
     fill,
     held_by,
-    in_memory,
     is_row,
     packed,
     row,
 )
+from desim_uav.rowcode.views import View, array_of, dtype_of, in_memory
 
 ROOM = 6
 

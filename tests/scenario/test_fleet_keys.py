@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 from desim_uav.errors import ScenarioError
+from desim_uav.scenario.drones import Drones, DroneType
 from desim_uav.scenario.layout import start_cells
 from desim_uav.scenario.load import dump, from_mapping, json_schema, loads, scenario_hash, to_plain
-from desim_uav.scenario.schema import Drones, DroneType, Scenario
+from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
 BLOCKS = (Path(__file__).parent / "fleet_keys.txt").read_text().split("\n\n")[1:]
@@ -116,9 +117,9 @@ def test_what_needs_one_type_says_which_keys_differ() -> None:
     with pytest.raises(ScenarioError, match=message):
         world.require_one_type("greedy")
     with pytest.raises(ScenarioError, match="needs drones of one type"):
-        _ = world.capacity_us
+        _ = world.only_type.capacity_us
     alike = build_world(loads("drones: [{name: a}, {name: b, count: 1}]"), 0)
-    assert alike.capacity_us == build_world(Scenario(), 0).capacity_us
+    assert alike.only_type.capacity_us == build_world(Scenario(), 0).only_type.capacity_us
 
 
 @pytest.mark.thorough

@@ -21,7 +21,8 @@ from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.learning import Schedule
 from desim_uav.scenario.load import dump, from_mapping, json_schema, load, loads, scenario_hash
-from desim_uav.scenario.schema import Episode, ListedObstacles, Scenario
+from desim_uav.scenario.map import ListedObstacles
+from desim_uav.scenario.schema import Episode, Scenario
 from desim_uav.scenario.yaml12 import plain_scalar, read
 
 HERE = Path(__file__).parent

@@ -195,7 +195,7 @@ def inputs_of(
     levels = tuple(grid.levels_under_ceiling if low else len(grid.levels_m) for low in ceilings)
 
     def plan(node: tuple[int, int, int], count: int) -> list[tuple[int, int, int]]:
-        way = world.planner.plan(node, count == grid.levels_under_ceiling)
+        way = world.only_type.planner.plan(node, count == grid.levels_under_ceiling)
         assert way is not None
         return list(way.hops)
 
@@ -216,12 +216,12 @@ def inputs_of(
         levels=levels,
         stations=world.stations,
         starts=world.starts,
-        links=links_of(mapping, world.bandwidth_hz),
+        links=links_of(mapping, world.links[0].bandwidth_hz),
         max_speed_mps=motion.max_speed_mps,
         max_acceleration_mps2=motion.max_acceleration_mps2,
         fill_epoch=motion.timing == "fill_epoch",
         returns_fill_epoch=motion.return_timing == "fill_epoch",
-        capacity_us=None if battery is None else world.capacity_us,
+        capacity_us=None if battery is None else world.only_type.capacity_us,
         return_below=0.0 if battery is None else battery.return_below,
         respawn_after_us=None if dies else round(battery.respawn_after_min * 60 * US),
         charge_us=round(scenario.stations.full_charge_min * 60 * US),
@@ -289,7 +289,7 @@ class Case:
             request.due_us == 0 for own in self.inputs.requests for request in own
         )
         asked_bps = sum(r.bandwidth_bps for own in self.inputs.requests for r in own)
-        return asked_bps <= self.world.bandwidth_hz and once and at_start
+        return asked_bps <= self.world.links[0].bandwidth_hz and once and at_start
 
 
 def case_of(seed: int, scenarios: Scenarios | None = None) -> Case:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.mobility.walking import Area, Walks
+from desim_uav.model.mobility.walks import Area, Walks
 from desim_uav.model.random.streams import Purpose, Streams
 
 US = 1_000_000

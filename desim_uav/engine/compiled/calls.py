@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from desim_uav.engine.compiled import free, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.model.decisions import discount_of
 from desim_uav.model.geometry.coverage import leg_at, walked
-from desim_uav.model.mobility.walking import LEG_COLUMNS
+from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.rowcode.compiled_rows import (
     address_of,
     as_array,
@@ -33,16 +34,16 @@ from desim_uav.sky.foresee import foresee_discs, foresee_rings
 
 Ints = NDArray[np.int64]
 
-constants_at: Any = pointer_to(Constants)
-path_at: Any = pointer_to(Path)
-state_at: Any = pointer_to(State)
+constants_at: Callable[[int], Constants] = pointer_to(Constants)
+path_at: Callable[[int], Path] = pointer_to(Path)
+state_at: Callable[[int], State] = pointer_to(State)
 
 floats_at, bytes_at, words_at = entries_at(float), entries_at(bool), entries_at(int)
 
 DRONE_WORDS = Drone.words
 
 
-def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
+def set_functions(constants: Constants, graded: bool, in_air: bool) -> None:
     """Write the addresses of the engine's functions, which are valid in this process.
 
     Those of components are written by ``components.point_at``. What only some worlds need is
@@ -149,13 +150,13 @@ class OutputRow(NamedTuple):
     the drones, and ``own`` (drones * (4 + terms),) the OWN_COUNTS and the terms of each drone.
     """
 
-    observations: Any
-    mask: Any
-    reward: Any
-    numbers: Any
+    observations: NDArray[np.float64]
+    mask: NDArray[np.bool_]
+    reward: NDArray[np.float64]
+    numbers: NDArray[np.float64]
     over: Any
-    rewards: Any
-    own: Any
+    rewards: NDArray[np.float64]
+    own: NDArray[np.float64]
 
 
 @kernel

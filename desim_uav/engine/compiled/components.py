@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from desim_uav.drone_type import DroneType
+from desim_uav.links import Links
 from desim_uav.model.admission import RowAdmission
 from desim_uav.model.energy.battery import RowEnergy
 from desim_uav.model.energy.charging import RowCharging
@@ -24,23 +25,24 @@ from desim_uav.rowcode.components import (
     NOT_COMPILED,
     Compiled,
     Function,
+    Values,
     cause_of,
     compiled,
     over_rows,
     ruled,
     works_on_rows,
 )
-from desim_uav.rowcode.rows import View
+from desim_uav.rowcode.views import View
 from desim_uav.rules.rewards import add_up, clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow
-from desim_uav.world import Links, World
+from desim_uav.world import World
 
 
-def _pay(cls: Any, values_at: Any) -> Any:
+def _pay(cls: type[RowReward], values_at: Values) -> Any:
     """Return the function ``pay`` of a class of rewards (see ``Function.around``)."""
     method = ruled(cls.pay)
 
-    def pay(world: Any, state: Any) -> None:
+    def pay(world: Constants, state: State) -> None:
         own = values_at(world.reward_values)
         for d in range(len(state.drones)):
             clear_terms(state.drones[d])
@@ -50,22 +52,22 @@ def _pay(cls: Any, values_at: Any) -> Any:
     return pay
 
 
-def _scan(cls: Any, values_at: Any) -> Any:
+def _scan(cls: type[RowAdmission], values_at: Values) -> Any:
     """Return the function ``scan`` of a class of admission rules."""
     method = ruled(cls.scan_rows)
 
-    def scan(world: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
+    def scan(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
         own = values_at(world.types[drone.type].admission_values)
         method(own, world, path, state, drone, phase)
 
     return scan
 
 
-def _describe(cls: Any, values_at: Any) -> Any:
+def _describe(cls: type[RowObservation], values_at: Values) -> Any:
     """Return the function ``describe`` of a class of observations."""
     method = ruled(cls.write)
 
-    def describe(world: Any, state: Any) -> None:
+    def describe(world: Constants, state: State) -> None:
         own = values_at(world.observation_values)
         for d in range(len(state.drones)):
             method(own, world, state, state.drones[d])
@@ -73,51 +75,51 @@ def _describe(cls: Any, values_at: Any) -> Any:
     return describe
 
 
-def _drained_us(cls: Any, values_at: Any) -> Any:
+def _drained_us(cls: type[RowEnergy], values_at: Values) -> Any:
     """Return the function ``drained_us`` of a class of energy models."""
     method = ruled(cls.drains)
 
-    def drained_us(own: Any, flight: Any, elapsed_us: int) -> int:
+    def drained_us(own: TypeRow, flight: TransitRow, elapsed_us: int) -> int:
         return int(method(values_at(own.battery_values), flight, elapsed_us))
 
     return drained_us
 
 
-def _lasts_us(cls: Any, values_at: Any) -> Any:
+def _lasts_us(cls: type[RowEnergy], values_at: Values) -> Any:
     """Return the function ``lasts_us`` of a class of energy models."""
     method = ruled(cls.lasts)
 
-    def lasts_us(own: Any, flight: Any, battery_us: int) -> int:
+    def lasts_us(own: TypeRow, flight: TransitRow, battery_us: int) -> int:
         return int(method(values_at(own.battery_values), flight, battery_us))
 
     return lasts_us
 
 
-def _charged(cls: Any, values_at: Any) -> Any:
+def _charged(cls: type[RowCharging], values_at: Values) -> Any:
     """Return the function ``charged`` of a class of charging."""
     method = ruled(cls.charged)
 
-    def charged(world: Any, battery: int, elapsed_us: int, capacity: int) -> int:
+    def charged(world: Constants, battery: int, elapsed_us: int, capacity: int) -> int:
         return int(method(values_at(world.charging_values), battery, elapsed_us, capacity))
 
     return charged
 
 
-def _until_full_us(cls: Any, values_at: Any) -> Any:
+def _until_full_us(cls: type[RowCharging], values_at: Values) -> Any:
     """Return the function ``until_full_us`` of a class of charging."""
     method = ruled(cls.until_full_us)
 
-    def until_full_us(world: Any, battery: int, capacity: int) -> int:
+    def until_full_us(world: Constants, battery: int, capacity: int) -> int:
         return int(method(values_at(world.charging_values), battery, capacity))
 
     return until_full_us
 
 
-def _divide(cls: Any, values_at: Any) -> Any:
+def _divide(cls: type[RowSharing], values_at: Values) -> Any:
     """Return the function ``divide`` of a class of sharing."""
     method = ruled(cls.divide)
 
-    def divide(world: Any, state: Any, drone: Any, phase: int) -> None:
+    def divide(world: Constants, state: State, drone: Drone, phase: int) -> None:
         own = values_at(world.radios[drone.radio].sharing_values)
         method(own, world, state, drone, phase)
 

@@ -44,8 +44,8 @@ def set_free(constants: Any) -> None:
 
 
 @stands_in_for(seam.prisms_of)
-def _prisms_of(world: Any, number: Any) -> Any:
-    def prisms_of(world: Any, number: Any) -> Any:
+def _prisms_of(world: Constants, number: int) -> Any:
+    def prisms_of(world: Constants, number: int) -> Any:
         space = world.spaces[number]
         count = len(space.offsets) - 1
         return Prisms(
@@ -64,8 +64,8 @@ def _prisms_of(world: Any, number: Any) -> Any:
 
 
 @stands_in_for(seam.ways_of)
-def _ways_of(world: Any, number: Any, level: Any) -> Any:
-    def ways_of(world: Any, number: Any, level: Any) -> Any:
+def _ways_of(world: Constants, number: int, level: int) -> Any:
+    def ways_of(world: Constants, number: int, level: int) -> Any:
         ways = world.spaces[number].levels[level]
         nodes = len(ways.nodes_m) // 2
         shape = (len(ways.lengths_m) // nodes, nodes)
@@ -81,16 +81,16 @@ def _ways_of(world: Any, number: Any, level: Any) -> Any:
 
 
 @stands_in_for(seam.memory_of)
-def _memory_of(state: Any) -> Any:
-    def memory_of(state: Any) -> Any:
+def _memory_of(state: State) -> Any:
+    def memory_of(state: State) -> Any:
         return seam.Memory(as_array(state.away_m, (len(state.away_m),)))
 
     return memory_of
 
 
 @stands_in_for(seam.limits_of)
-def _limits_of(world: Any, number: Any) -> Any:
-    def limits_of(world: Any, number: Any) -> Any:
+def _limits_of(world: Constants, number: int) -> Any:
+    def limits_of(world: Constants, number: int) -> Any:
         space = world.spaces[number]
         return Limits(
             space.level_mps,
@@ -104,16 +104,16 @@ def _limits_of(world: Any, number: Any) -> Any:
 
 
 @stands_in_for(seam.cruise_of)
-def _cruise_of(world: Any, number: Any) -> Any:
-    def cruise_of(world: Any, number: Any) -> Any:
+def _cruise_of(world: Constants, number: int) -> Any:
+    def cruise_of(world: Constants, number: int) -> Any:
         return world.spaces[number].lowest_mps, world.spaces[number].highest_mps
 
     return cruise_of
 
 
 @stands_in_for(seam.wind_of)
-def _wind_of(world: Any, number: Any) -> Any:
-    def wind_of(world: Any, number: Any) -> Any:
+def _wind_of(world: Constants, number: int) -> Any:
+    def wind_of(world: Constants, number: int) -> Any:
         return world.spaces[number].wind_x_mps, world.spaces[number].wind_y_mps
 
     return wind_of

@@ -6,7 +6,7 @@ from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.geometry.coverage import LEG, leg_near, walked
-from desim_uav.model.mobility.walking import LEG_COLUMNS
+from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.rowcode.compiled_rows import as_array
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule, stands_in_for
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
@@ -68,8 +68,8 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
 
 
 @stands_in_for(hand_on_pads)
-def _hand_on_pads(world: Any, state: Any, station: Any) -> Any:
-    def hand_on(world: Any, state: Any, station: Any) -> None:
+def _hand_on_pads(world: Constants, state: State, station: int) -> Any:
+    def hand_on(world: Constants, state: State, station: int) -> None:
         queue, k = state.stations[station].queue, 0
         while k < min(len(queue), world.pads):
             drone = state.drones[queue[k]]
@@ -84,8 +84,8 @@ def _hand_on_pads(world: Any, state: Any, station: Any) -> Any:
 
 
 @stands_in_for(find_users)
-def _find_users(world: Any, path: Any, state: Any) -> Any:
-    def find(world: Any, path: Any, state: Any) -> None:
+def _find_users(world: Constants, path: Path, state: State) -> Any:
+    def find(world: Constants, path: Path, state: State) -> None:
         look, now_us, count = state.look, state.now_us, len(state.users)
         if look.stand and state.step > 0:
             return  # all users still are where they were

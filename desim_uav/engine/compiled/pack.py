@@ -31,10 +31,12 @@ from desim_uav.engine.free import space_row
 from desim_uav.engine.sky import scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
-from desim_uav.model.mobility.walking import LEG_COLUMNS, walking_of
+from desim_uav.model.mobility.walking import walking_of
+from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.rules import US
 from desim_uav.rowcode.components import compiled
-from desim_uav.rowcode.rows import Table, View, Words, blank, held_by, packed
+from desim_uav.rowcode.rows import Table, Words, blank, held_by, packed
+from desim_uav.rowcode.views import View
 from desim_uav.rules.due import crossing_slot, slots
 from desim_uav.rules.rows import Constants, Drone, SpaceRow, State, Station
 from desim_uav.world import World

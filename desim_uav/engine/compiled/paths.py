@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.demand.asking import ManyRequests, Requests
-from desim_uav.model.mobility.walking import ManyRowWalks, RowWalks, Walks
+from desim_uav.model.mobility.walking import ManyRowWalks, RowWalks
+from desim_uav.model.mobility.walks import Walks
 from desim_uav.rowcode.kernels import kernel
 from desim_uav.rowcode.rows import Words
 from desim_uav.rowcode.rows import place as place_of
@@ -29,8 +30,8 @@ class Section(NamedTuple):
     """
 
     parts: list[NDArray[Any]]
-    begins: Any
-    counts: Any
+    begins: NDArray[np.int64] | int
+    counts: NDArray[np.int64] | int
 
 
 NOTHING = Section([], 0, 0)

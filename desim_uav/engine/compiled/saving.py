@@ -10,7 +10,8 @@ import numpy as np
 from desim_uav.engine.compiled.pack import Fixed
 from desim_uav.engine.saved import Rows, read
 from desim_uav.engine.state import Buffers
-from desim_uav.rowcode.rows import View, Words, array_of
+from desim_uav.rowcode.rows import Words
+from desim_uav.rowcode.views import View, array_of
 from desim_uav.rules.rows import Constants, State
 from desim_uav.rules.words import NEVER, RETURNING
 

@@ -23,10 +23,12 @@ from desim_uav.engine.free import aims_of
 from desim_uav.engine.saved import Kept, Rows, SavedState, copied, write
 from desim_uav.engine.state import Buffers
 from desim_uav.errors import ScenarioError, SimulationError
-from desim_uav.model.mobility.walking import misstep, walking_of
+from desim_uav.model.mobility.walking import walking_of
+from desim_uav.model.mobility.walks import misstep
 from desim_uav.model.state import Snapshot
 from desim_uav.rowcode.code_digest import code_digest
-from desim_uav.rowcode.rows import View, Words, array_of, dtype_of, held_by, is_row, named
+from desim_uav.rowcode.rows import Words, held_by, is_row, named
+from desim_uav.rowcode.views import View, array_of, dtype_of
 from desim_uav.rules.rows import Constants, Drone, Look, Plan, State, Station
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY, UNFINISHED
 from desim_uav.sample_path import SamplePath, SamplePaths

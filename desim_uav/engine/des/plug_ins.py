@@ -21,6 +21,7 @@ from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.components import over_rows, works_on_rows
 from desim_uav.rules.admission import admit, turn_away
 from desim_uav.rules.rewards import add_up, clear_terms, give
+from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow
 from desim_uav.world import World
 
 
@@ -35,13 +36,13 @@ def own_over_rows(world: World) -> bool:
 ROW_BASES = (RowReward, RowObservation, RowCharging, RowAdmission, RowEnergy, RowSharing)
 
 
-def _method(component: Any, name: str, world: World) -> Callable[..., Any]:
+def _method(component: object, name: str, world: World) -> Callable[..., Any]:
     """Return a method of a component over rows, whose faults name the component."""
     method: Callable[..., Any] = getattr(over_rows(component, world.services.names), name)
     return naming(owner_of(type(component)), method)
 
 
-def _methods(component: Any, base: Any, names: Sequence[str], world: World) -> list[Any]:
+def _methods(component: object, base: type, names: Sequence[str], world: World) -> list[Any]:
     """Return methods of a component that may work on rows; if it is one's own, see ``_method``."""
     if owner_of(type(component)) and works_on_rows(component, base):
         return [_method(component, name, world) for name in names]
@@ -68,7 +69,7 @@ def _scan(rule: Any, world: World) -> Callable[..., None]:
     if works_on_rows(rule, RowAdmission):
         return _method(rule, "scan_rows", world)
 
-    def scan(constants: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
+    def scan(constants: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
         if not drone.waiting:
             return
         free_hz = math.inf if constants.radios[drone.radio].bandwidth_hz < 0 else drone.free_hz
@@ -88,7 +89,7 @@ def _pay(world: World) -> Callable[..., None]:
     if works_on_rows(reward, RowReward):
         pay_one = _method(reward, "pay", world)
 
-        def pay(constants: Any, state: Any) -> None:
+        def pay(constants: Constants, state: State) -> None:
             for drone in state.drones:
                 clear_terms(drone)
                 pay_one(constants, state, drone)
@@ -118,7 +119,7 @@ def _describe(world: World) -> Callable[..., None]:
     by_rows = works_on_rows(observation, RowObservation)
     write = _method(observation, "write", world) if by_rows else None
 
-    def describe(constants: Any, state: Any) -> None:
+    def describe(constants: Constants, state: State) -> None:
         if write is not None:
             for drone in state.drones:
                 write(constants, state, drone)
@@ -135,11 +136,11 @@ def _energy(
     """
     drained, lasts = _methods(energy, RowEnergy, ("drained_us", "lasts_us"), world)
 
-    def drained_us(own: Any, transit: Any, elapsed_us: int) -> int:
+    def drained_us(own: TypeRow, transit: TransitRow, elapsed_us: int) -> int:
         used: int = drained(flights.get(id(transit)) or transit_of(transit), elapsed_us)
         return used
 
-    def lasts_us(own: Any, transit: Any, battery_us: int) -> int:
+    def lasts_us(own: TypeRow, transit: TransitRow, battery_us: int) -> int:
         left_us: int = lasts(flights.get(id(transit)) or transit_of(transit), battery_us)
         return left_us
 
@@ -151,10 +152,10 @@ def _charging(world: World) -> tuple[Callable[..., int], Callable[..., int]]:
     names = ("charged", "until_full_us")
     charge, time_to_full = _methods(world.charging, RowCharging, names, world)
 
-    def charged(constants: Any, battery: int, elapsed_us: int, capacity: int) -> int:
+    def charged(constants: Constants, battery: int, elapsed_us: int, capacity: int) -> int:
         return int(charge(battery, elapsed_us, capacity))
 
-    def until_full_us(constants: Any, battery: int, capacity: int) -> int:
+    def until_full_us(constants: Constants, battery: int, capacity: int) -> int:
         return int(time_to_full(battery, capacity))
 
     return charged, until_full_us

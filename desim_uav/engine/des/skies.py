@@ -9,10 +9,12 @@ import numpy as np
 
 from desim_uav.engine.air import Room
 from desim_uav.engine.sky import enlarged, scene_of, sky_of
-from desim_uav.model.mobility.walking import Walks
+from desim_uav.model.mobility.walks import Walks
 from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.marks import compiled_chance
-from desim_uav.rowcode.rows import address, in_memory, place
+from desim_uav.rowcode.rows import address, place
+from desim_uav.rowcode.views import in_memory
+from desim_uav.rules.rows import State
 from desim_uav.sky import links
 from desim_uav.sky.foresee import foresee_discs, foresee_rings
 from desim_uav.sky.rows import Sky
@@ -35,13 +37,13 @@ class Skies:
         """Return a sky for a new state."""
         return in_memory(sky_of(self.world, self._room))
 
-    def begin(self, state: Any, walks: Walks) -> None:
+    def begin(self, state: State, walks: Walks) -> None:
         """Make room for the legs of these walks."""
         most_legs = int(np.diff(walks.offsets).max(initial=0))
         if self.world.marked and most_legs > self._room.legs:
             self._enlarge(state, self._room._replace(legs=most_legs))
 
-    def _enlarge(self, state: Any, room: Room) -> None:
+    def _enlarge(self, state: State, room: Room) -> None:
         state.sky, self._room = enlarged(state.sky, self.world, room), room
 
     def set_functions(self, constants: Any, state: Callable[[], Any]) -> None:

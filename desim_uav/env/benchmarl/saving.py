@@ -15,11 +15,11 @@ from benchmarl.models.mlp import Mlp as Model
 from numpy.typing import NDArray
 from torch import nn
 
+from desim_uav.disk import file_place, write_at
 from desim_uav.env.benchmarl.task import UavTask
 from desim_uav.env.torchrl import GROUP
 from desim_uav.errors import PolicyError
 from desim_uav.policies.mlp import Mlp, description_of, scaling_of
-from desim_uav.run_folder import file_place, write_at
 from desim_uav.scenario.load import dump
 
 LIBRARIES = ("benchmarl", "torchrl", "torch")

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from desim_uav.disk import file_place, write_at
 from desim_uav.experiment.bench import profile
 from desim_uav.experiment.bench.board import board, markdown, plain
 from desim_uav.experiment.bench.submission import Submission
-from desim_uav.run_folder import file_place, write_at
 from desim_uav.typed import typed
 
 if TYPE_CHECKING:

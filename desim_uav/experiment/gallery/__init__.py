@@ -158,8 +158,8 @@ def without_figure(compared: Sequence[Compared]) -> list[str]:
 
 def draw_all(compared: Sequence[Compared], folder: Path) -> list[Path]:
     """Draw the papers that have a figure, each into a PNG in a folder, and return the files."""
+    from desim_uav.disk import file_place, write_at
     from desim_uav.report.figures.style import to_bytes
-    from desim_uav.run_folder import file_place, write_at
 
     written = []
     for one in compared:

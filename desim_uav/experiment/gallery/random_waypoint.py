@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from desim_uav.experiment.gallery.row import Row
 from desim_uav.model.geometry.coverage import T0_US, VX, VY, all_walked
 from desim_uav.model.mobility.random_waypoint import RandomWaypoint
-from desim_uav.model.mobility.walking import Area, Start, Walks
+from desim_uav.model.mobility.walking import Start
+from desim_uav.model.mobility.walks import Area, Walks
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import US
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from desim_uav.disk import file_place, write_at
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.replay.again import Source, played_again
 from desim_uav.experiment.replay.forked import shown_of
@@ -16,7 +17,6 @@ from desim_uav.policies import Policy
 from desim_uav.report.replay.data import Encoder
 from desim_uav.report.replay.page import page
 from desim_uav.report.run import Run, Tables
-from desim_uav.run_folder import file_place, write_at
 
 MOST_BYTES = 25 * 2**20
 """The default limit on the size of a page."""

@@ -15,15 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 from desim_uav import __version__
 from desim_uav.checksums import of_row
+from desim_uav.disk import write_whole
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.evaluate import ENERGY, MEASURES
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, Outcome, Row
 from desim_uav.experiment.sweep.plan import Given
+from desim_uav.lock import held
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.rowcode.regular_file import content_of, text_of
-from desim_uav.run_folder import held, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa

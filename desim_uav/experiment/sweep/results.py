@@ -21,10 +21,10 @@ from desim_uav.experiment.sweep.folder import (
     read_row,
 )
 from desim_uav.experiment.sweep.job import Row
+from desim_uav.parquet_file import no_such
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.report.text import word
 from desim_uav.rowcode.regular_file import text_of
-from desim_uav.run_folder import no_such
 
 MOST_KEYS = 2
 """The most keys that a figure shows."""

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from desim_uav import __version__
+from desim_uav.disk import write_whole
 from desim_uav.errors import UsageError
 from desim_uav.experiment.interrupt import undisturbed
 from desim_uav.experiment.processes import run_each
@@ -18,7 +19,6 @@ from desim_uav.experiment.sweep.job import Failure, Outcome, jobs, measured, run
 from desim_uav.experiment.sweep.on_ray import import_ray, ray_backend
 from desim_uav.experiment.sweep.plan import Asked, arms, warnings
 from desim_uav.experiment.sweep.table import Done
-from desim_uav.run_folder import write_whole
 
 BACKENDS = ("local", "ray")
 

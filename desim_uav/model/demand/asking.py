@@ -20,6 +20,7 @@ from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.components import (
     Compiled,
     Function,
+    Values,
     call_at,
     compiled_or_none,
     kind_of,
@@ -28,19 +29,8 @@ from desim_uav.rowcode.components import (
     ruled,
 )
 from desim_uav.rowcode.kernels import rule
-from desim_uav.rowcode.rows import (
-    Row,
-    Table,
-    View,
-    Words,
-    attach,
-    blank,
-    bound,
-    fill,
-    packed,
-    place,
-    row,
-)
+from desim_uav.rowcode.rows import Row, Table, Words, attach, blank, bound, fill, packed, place, row
+from desim_uav.rowcode.views import View
 
 DUE_US, SERVICE, REQUIRED_US, BANDWIDTH_BPS = range(4)
 """The columns of a table of requests (see ``Requests``)."""
@@ -166,7 +156,7 @@ class RowDemand:
     plain: ClassVar = ("requests",)
     """The methods of which a subclass overrides one if it makes whole tables of requests."""
 
-    def next_request(self, asker: Any, stream: Any, services: Any) -> None:
+    def next_request(self, asker: Asker, stream: Stream, services: Offer) -> None:
         """Draw a user's next request, and the waiting time before it.
 
         Write ``asker.wait_us``, ``service`` (or NOTHING), ``required_us`` and ``bandwidth_bps``
@@ -201,7 +191,7 @@ def from_now(demand: Any, now_us: int) -> Any:
 
 
 @rule
-def ask_for(asker: Any, stream: Any, services: Any, service: int) -> None:
+def ask_for(asker: Asker, stream: Stream, services: Offer, service: int) -> None:
     """Let a user ask for a service, for one of its service times and with one of its bandwidths."""
     asker.service = service
     k = int(uniform(stream) * services.sizes[2 * service])
@@ -211,7 +201,7 @@ def ask_for(asker: Any, stream: Any, services: Any, service: int) -> None:
 
 
 @rule
-def ask_for_mix(asker: Any, stream: Any, services: Any, none: float) -> None:
+def ask_for_mix(asker: Asker, stream: Stream, services: Offer, none: float) -> None:
     """Let a user ask for a service of the mix, or with probability ``none`` for nothing.
 
     It takes four uniform numbers, of which some may not be used: for whether there is a request,
@@ -240,7 +230,7 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
     The function ends at once if a draw is invalid, or if no time passes.
     """
 
-    def ask(demand: Any, asking: Any, asker: Any, services: Any) -> None:
+    def ask(demand: Any, asking: Asking, asker: Asker, services: Offer) -> None:
         rows, count, most = asking.rows, asking.count, asking.most
         due_us = idle = 0
         asker.left_us = asking.horizon_us
@@ -272,7 +262,7 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
 
 
 @rule
-def _least_us(asker: Any, services: Any) -> int:
+def _least_us(asker: Asker, services: Offer) -> int:
     """Return the least time in which a request can be served; millionths of a bit are bit/s µs."""
     if not services.in_bits[asker.service]:
         return int(asker.required_us)
@@ -280,7 +270,7 @@ def _least_us(asker: Any, services: Any) -> int:
 
 
 @rule
-def _is_sound(asker: Any, services: Any) -> Any:
+def _is_sound(asker: Asker, services: Offer) -> Any:
     """Return whether a draw is a request for an existing service, or for nothing."""
     nothing = (asker.service == NOTHING) & (asker.wait_us >= 0)
     exists = (asker.service >= 0) & (asker.service < len(services.shares))
@@ -289,7 +279,7 @@ def _is_sound(asker: Any, services: Any) -> Any:
     return nothing | (request & (asker.wait_us >= 0))
 
 
-def _anew(asker: Any) -> Any:
+def _anew(asker: Asker) -> Any:
     """Return a row whose numbers are all 0 again."""
     for name, kind in asker.kinds.items():
         if kind in (int, float):
@@ -307,7 +297,7 @@ def _draw_by(
     Compiled code works on a copy of an asker whose numbers are 0 (``held``), which is in registers.
     """
 
-    def draw(demand: Any, asking: Any, services: Any) -> None:
+    def draw(demand: Any, asking: Asking, services: Offer) -> None:
         users, first = asking.users, 0
         for k in range(len(asking.states) // 4):
             if k % users == 0:
@@ -332,7 +322,7 @@ def _asking_of(demand: Any) -> Any:
     return row(type("Asking", (Row,), {"__annotations__": kinds}))
 
 
-def _around(cls: Any, values_at: Any) -> Any:
+def _around(cls: Any, values_at: Values) -> Any:
     """Return the function ``draw`` of a class of models (see ``Function.around``)."""
     ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous))
     draw_all, owner = ruled(_draw_by(ask, held, put_back)), owner_of(cls)
@@ -395,7 +385,9 @@ class RowDraws:
                 return ManyRequests(rows, offsets, self.demand.after_previous)
             most = asking.count
 
-    def _draw(self, states: Any, offsets: Any, rows: Any) -> Any:
+    def _draw(
+        self, states: NDArray[np.uint64], offsets: NDArray[np.int64], rows: NDArray[np.int64]
+    ) -> Any:
         """Draw the requests, and return the Asking."""
         model: Any = type(self.demand)
         made, cls, users = self._compiled, _asking_of(model), states.shape[1]
@@ -421,7 +413,7 @@ class RowDraws:
         return asking
 
 
-def _what_is_wrong(asking: Any) -> str:
+def _what_is_wrong(asking: Asking) -> str:
     """Return a description of the invalid draw of a user."""
     user, asker = asking.lost - 1, asking.asker
     drawn = (

@@ -161,7 +161,7 @@ def _pieces(profile: tuple[Point, ...], linear: bool) -> list[tuple[float, ...]]
 
 
 @rule
-def passed_at(pieces: Any, first: int, end: int, t_s: float) -> float:
+def passed_at(pieces: Table[float], first: int, end: int, t_s: float) -> float:
     """Return the integral of the rate from a midnight to a time in seconds after it.
 
     Those of a profile's pieces are ``first`` to ``end`` - 1, the last of which is of no length.
@@ -178,7 +178,7 @@ def passed_at(pieces: Any, first: int, end: int, t_s: float) -> float:
 
 
 @rule
-def time_of(pieces: Any, first: int, end: int, passed: float) -> float:
+def time_of(pieces: Table[float], first: int, end: int, passed: float) -> float:
     """Return the time in seconds after a midnight at which the integral of the rate has a value."""
     a_day = pieces[PIECE * (end - 1) + PASSED]
     days = math.floor(passed / a_day)

@@ -18,11 +18,20 @@ from desim_uav.model.demand.asking import (
     MOST_REQUIRED,
     NO_MORE_US,
     REQUIRED_US,
+    Asker,
+    Offer,
     Requests,
     RowDemand,
     ask_for_mix,
 )
-from desim_uav.model.random.streams import Purpose, Seeds, Streams, exponential_us, seed_of_each
+from desim_uav.model.random.streams import (
+    Purpose,
+    Seeds,
+    Stream,
+    Streams,
+    exponential_us,
+    seed_of_each,
+)
 from desim_uav.model.rules import US
 from desim_uav.model.services import Catalogue
 from desim_uav.model.traces import LARGEST, index, quantity, read_table
@@ -98,7 +107,7 @@ class Static(RowDemand):
     none.
     """
 
-    def next_request(self, asker: Any, stream: Any, services: Any) -> None:
+    def next_request(self, asker: Asker, stream: Stream, services: Offer) -> None:
         """Draw a request at the start, and then no more."""
         asker.wait_us = 0 if asker.draws == 0 else NO_MORE_US
         ask_for_mix(asker, stream, services, self.none)
@@ -128,7 +137,7 @@ class Dynamic(RowDemand):
     none.
     """
 
-    def next_request(self, asker: Any, stream: Any, services: Any) -> None:
+    def next_request(self, asker: Asker, stream: Stream, services: Offer) -> None:
         """Draw a request at the start, and then each after a think time."""
         asker.wait_us = 0
         if asker.draws > 0:
@@ -163,7 +172,7 @@ class Poisson(RowDemand):
 
     after_previous = False
 
-    def next_request(self, asker: Any, stream: Any, services: Any) -> None:
+    def next_request(self, asker: Asker, stream: Stream, services: Offer) -> None:
         """Draw a request after an exponential time."""
         asker.wait_us = exponential_us(stream, 3600.0 / self.rate_per_hour)
         ask_for_mix(asker, stream, services, self.none)

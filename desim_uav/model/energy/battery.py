@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Protocol
+from typing import Annotated, ClassVar, Literal, Protocol
 
 from annotated_types import Ge, Gt, Le
 
@@ -62,19 +62,19 @@ class RowEnergy:
     plain: ClassVar = ("drained_us", "lasts_us")
     """The methods of which a subclass overrides one if it works on Python objects, not on rows."""
 
-    def drains(self, flight: Any, elapsed_us: int) -> int:
+    def drains(self, flight: Transit, elapsed_us: int) -> int:
         """Return the autonomy used, in microseconds (see ``Energy.drained_us``)."""
         raise NotImplementedError
 
-    def lasts(self, flight: Any, battery_us: int) -> int:
+    def lasts(self, flight: Transit, battery_us: int) -> int:
         """Return the time until the battery is empty, in microseconds (see ``Energy.lasts_us``)."""
         raise NotImplementedError
 
-    def drained_us(self, flight: Any, elapsed_us: int) -> int:
+    def drained_us(self, flight: Transit, elapsed_us: int) -> int:
         """Return the autonomy used, by ``drains``."""
         return self.drains(flight, elapsed_us)
 
-    def lasts_us(self, flight: Any, battery_us: int) -> int:
+    def lasts_us(self, flight: Transit, battery_us: int) -> int:
         """Return the time until the battery is empty, by ``lasts``."""
         return self.lasts(flight, battery_us)
 
@@ -133,11 +133,11 @@ class Endurance(RowEnergy):
     respawn_after_min: Annotated[float, Ge(0)] = 10.0
     """How many minutes after a crash the drone is replaced, at the next decision epoch."""
 
-    def drains(self, flight: Any, elapsed_us: int) -> int:
+    def drains(self, flight: Transit, elapsed_us: int) -> int:
         """Return the time in the air, which is the autonomy used."""
         return elapsed_us
 
-    def lasts(self, flight: Any, battery_us: int) -> int:
+    def lasts(self, flight: Transit, battery_us: int) -> int:
         """Return the charge, which is the time left in the air."""
         return battery_us
 
@@ -154,7 +154,7 @@ class PerAction(Endurance):
     action_min: Annotated[float, Ge(1 / 60), Le(1440)] = 1.0
     """How much autonomy an action takes, in minutes. It must be the length of a step."""
 
-    def drains(self, flight: Any, elapsed_us: int) -> int:
+    def drains(self, flight: Transit, elapsed_us: int) -> int:
         """Return the share of an action that has passed, or the time of a hover."""
         if flight.distance_m == 0.0:
             return elapsed_us
@@ -162,7 +162,7 @@ class PerAction(Endurance):
         drained_us, _ = _share(action_us, elapsed_us, flight.duration_us)
         return drained_us
 
-    def lasts(self, flight: Any, battery_us: int) -> int:
+    def lasts(self, flight: Transit, battery_us: int) -> int:
         """Return the time until the actions' shares add up to the battery."""
         if flight.distance_m == 0.0:
             return battery_us

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Protocol
+from typing import Annotated, ClassVar, Protocol
 
 from annotated_types import Ge, Gt, Le
 
@@ -161,7 +161,7 @@ class Tapered(RowCharging):
 
 
 @rule
-def _full(own: Any, capacity: int) -> int:
+def _full(own: Tapered, capacity: int) -> int:
     """Return the charge that counts as full, at least 1."""
     full: int = max(1, round(own.full_at * float(capacity)))
     return full

@@ -16,7 +16,7 @@ from desim_uav.model.energy.propulsion.fixed_wing import (
     power_w,
     speeding_j,
 )
-from desim_uav.model.motion.motion import Motion
+from desim_uav.model.motion.motion import Motion, Transit
 from desim_uav.model.rules import US
 from desim_uav.registry import NameOr, register
 from desim_uav.rowcode.kernels import rule
@@ -89,11 +89,11 @@ class FixedWing(RowEnergy):
         """Return the speeds of the longest flight in time, and of the longest in distance."""
         return best_speeds(self.wing, self.electronics_w)
 
-    def drains(self, flight: Any, elapsed_us: int) -> int:
+    def drains(self, flight: Transit, elapsed_us: int) -> int:
         """Return the energy used in µJ, rounded down."""
         return used_uj(self, flight, elapsed_us)
 
-    def lasts(self, flight: Any, battery_us: int) -> int:
+    def lasts(self, flight: Transit, battery_us: int) -> int:
         """Return the time until the energy used reaches the battery, rounded up."""
         least_us, most_us = -1, int(flight.duration_us)
         while used_uj(self, flight, most_us) < battery_us:
@@ -115,7 +115,7 @@ class FixedWing(RowEnergy):
 
 
 @rule
-def used_uj(own: Any, flight: Any, elapsed_us: int) -> int:
+def used_uj(own: FixedWing, flight: Transit, elapsed_us: int) -> int:
     """Return the energy of the first ``elapsed_us`` of a flight in µJ, rounded down.
 
     It is at most ``MOST_UJ``, which is more than any battery holds.
@@ -124,7 +124,7 @@ def used_uj(own: Any, flight: Any, elapsed_us: int) -> int:
 
 
 @rule
-def energy_j(own: Any, flight: Any, elapsed_us: int) -> float:
+def energy_j(own: FixedWing, flight: Transit, elapsed_us: int) -> float:
     """Return the energy of the first ``elapsed_us`` of a flight, or of loitering, in joules."""
     elapsed_s = elapsed_us / US
     if flight.distance_m == 0.0:

@@ -33,7 +33,7 @@ from desim_uav.model.energy.propulsion.rotary_wing import (
     speeding_j,
 )
 from desim_uav.model.energy.work import speeding_in_wind_j
-from desim_uav.model.motion.motion import Motion
+from desim_uav.model.motion.motion import Motion, Piece, Transit
 from desim_uav.model.rules import US
 from desim_uav.registry import NameOr, register
 from desim_uav.rowcode.kernels import rule
@@ -179,11 +179,11 @@ class RotaryWing(RowEnergy):
         """Return the speeds of the longest flight in time, and of the longest in distance."""
         return best_speeds(self.powers, self.electronics_w)
 
-    def drains(self, flight: Any, elapsed_us: int) -> int:
+    def drains(self, flight: Transit, elapsed_us: int) -> int:
         """Return the energy used in µJ, rounded down."""
         return used_uj(self, flight, elapsed_us)
 
-    def lasts(self, flight: Any, battery_us: int) -> int:
+    def lasts(self, flight: Transit, battery_us: int) -> int:
         """Return the time until the energy used reaches the battery, rounded up to a microsecond.
 
         The energy rises with time, so the microsecond is found by halving an interval. If the
@@ -237,7 +237,7 @@ class RotaryWing(RowEnergy):
 
 
 @rule
-def used_uj(own: Any, flight: Any, elapsed_us: int) -> int:
+def used_uj(own: RotaryWing, flight: Transit, elapsed_us: int) -> int:
     """Return the energy of the first ``elapsed_us`` of a flight in µJ, rounded down.
 
     It is at most ``MOST_UJ``, which is more than any battery holds.
@@ -246,7 +246,7 @@ def used_uj(own: Any, flight: Any, elapsed_us: int) -> int:
 
 
 @rule
-def energy_j(own: Any, flight: Any, elapsed_us: int) -> float:
+def energy_j(own: RotaryWing, flight: Transit, elapsed_us: int) -> float:
     """Return the energy of the first ``elapsed_us`` of a flight or of a hover, in joules.
 
     ``flight.rises`` is the sine of the angle at which it climbs: 0 in level flight, 1 straight up.
@@ -276,7 +276,7 @@ def energy_j(own: Any, flight: Any, elapsed_us: int) -> float:
 
 
 @rule
-def is_calm(flight: Any) -> bool:
+def is_calm(flight: Transit) -> bool:
     """Return whether a flight has no wind."""
     return bool(flight.tail_mps == 0.0) & bool(flight.side_mps == 0.0)
 
@@ -292,7 +292,9 @@ def hovering_w(own: Any, flight: Any) -> float:
 
 
 @rule
-def piece_in_wind_j(own: Any, flight: Any, piece: Any, level: float, passes_s: float) -> float:
+def piece_in_wind_j(
+    own: RotaryWing, flight: Transit, piece: Piece, level: float, passes_s: float
+) -> float:
     """Return the energy of the beginning of a piece of a flight in wind, without climbing."""
     tail, side = flight.tail_mps, flight.side_mps
     first = level * piece.speed_mps - tail

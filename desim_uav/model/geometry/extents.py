@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.mobility.walking import Area
+from desim_uav.model.mobility.walks import Area
 
 DEGREES_MAP_M = 100.0
 """On a map with a side shorter than this, in metres, an extent of a metre may be intended."""

@@ -9,7 +9,8 @@ from typing import Annotated, Any, ClassVar
 from annotated_types import Ge, Le
 
 from desim_uav.model.mobility.random_waypoint import PauseRange, on_the_way
-from desim_uav.model.mobility.walking import Area, RowMobility, Start, go_until, later
+from desim_uav.model.mobility.walking import RowMobility, Start, go_until, later
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.random.distributions import (
     SpeedRange,
     between,

@@ -8,7 +8,8 @@ from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
 
-from desim_uav.model.mobility.walking import Area, RowMobility, Start, go_on, later, stay
+from desim_uav.model.mobility.walking import RowMobility, Start, go_on, later, stay
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.random.distributions import ascending, mean_of_power_law, power_law
 from desim_uav.model.random.streams import heading, uniform
 from desim_uav.registry import Checked, register

@@ -9,7 +9,8 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from annotated_types import Ge, Le
 
-from desim_uav.model.mobility.walking import Area, RowMobility, Start, go_to
+from desim_uav.model.mobility.walking import RowMobility, Start, go_to
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.random.distributions import SpeedRange, between, mean_slowness, power_law
 from desim_uav.model.random.streams import uniform
 from desim_uav.registry import register

@@ -13,15 +13,8 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import SimulationError
 from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
-from desim_uav.model.mobility.walking import (
-    Area,
-    ManyRowWalks,
-    RowMobility,
-    RowWalks,
-    Walks,
-    go_on,
-    off_map,
-)
+from desim_uav.model.mobility.walking import ManyRowWalks, RowMobility, RowWalks, go_on
+from desim_uav.model.mobility.walks import Area, Walks, off_map
 from desim_uav.model.random.streams import Purpose, Seeds, Streams, heading, seed_of_each, states_of
 from desim_uav.model.rules import US
 from desim_uav.registry import register

@@ -7,7 +7,8 @@ from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
 
-from desim_uav.model.mobility.walking import Area, RowMobility, Start, go_to, later, stay
+from desim_uav.model.mobility.walking import RowMobility, Start, go_to, later, stay
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.random.distributions import (
     SpeedRange,
     ascending,
@@ -17,7 +18,7 @@ from desim_uav.model.random.distributions import (
     mean_slowness,
     power_law,
 )
-from desim_uav.model.random.streams import uniform
+from desim_uav.model.random.streams import Stream, uniform
 from desim_uav.registry import Checked, register
 from desim_uav.rowcode.kernels import rule
 
@@ -110,7 +111,7 @@ class RandomWaypoint(RowMobility):
 
 
 @rule
-def on_the_way(stream: Any, width_m: float, depth_m: float) -> tuple[float, float, float, float]:
+def on_the_way(stream: Stream, width_m: float, depth_m: float) -> tuple[float, float, float, float]:
     """Return where a user is that is under way from one random place to another, and the latter.
 
     Of ways between random places, a longer one is under way for a longer time: the density is in

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.geometry.extents import Extent, are_angles, extent_of, like_degrees
 from desim_uav.model.mobility.sumo import looks_like_xml, read_fcd
-from desim_uav.model.mobility.walking import Area, Walks, off_map
+from desim_uav.model.mobility.walks import Area, Walks, off_map
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import US
 from desim_uav.model.traces import (

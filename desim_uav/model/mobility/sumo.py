@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from xml.parsers import expat
 
 from desim_uav.model.traces import Version, bytes_of, coordinate, quantity, version_of
@@ -76,7 +76,7 @@ def _read_fcd(path: Path, version: Version) -> Fcd:
 class _Reader:
     """Collects way points while an FCD file is parsed."""
 
-    parser: Any
+    parser: expat.XMLParserType
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -85,7 +85,7 @@ class _Reader:
         self.open: list[str] = []
         self.t_s = 0.0
 
-    def refuse(self, *_: Any) -> None:
+    def refuse(self, *_: object) -> None:
         """Raise ValueError for a document type or an entity."""
         raise self._error("a document type or entity is not allowed")
 

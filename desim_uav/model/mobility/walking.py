@@ -8,28 +8,37 @@ than everything else.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
-from desim_uav.errors import SimulationError
-from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
+from desim_uav.model.mobility.walks import (
+    LEG_COLUMNS,
+    NEAR_M,
+    Area,
+    Walker,
+    Walking,
+    Walks,
+    begin_by,
+    misstep,
+    walk_by,
+)
 from desim_uav.model.naming import naming
-from desim_uav.model.random.streams import FAR_US, Stream, Streams, begin_stream
+from desim_uav.model.random.streams import FAR_US, Stream, Streams
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.compiled_registers import held, put_back
 from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of, pointer_to
 from desim_uav.rowcode.components import (
     Compiled,
     Function,
+    Values,
     call_at,
     compiled_or_none,
-    kind_of,
     over_rows,
     remembering,
     ruled,
@@ -40,7 +49,6 @@ from desim_uav.rowcode.rows import (
     BoundedTable,
     Row,
     Table,
-    View,
     attach,
     blank,
     bound,
@@ -48,76 +56,10 @@ from desim_uav.rowcode.rows import (
     place,
     row,
 )
-
-LEG_COLUMNS = 5
-
-STRAY_M, NEAR_M = 1e-4, 1e-3
-"""Tolerances in metres: how far rounding may put a user off the map, and how far a leg's end may be
-from the point to which its velocity leads, because its time is in whole microseconds."""
-
+from desim_uav.rowcode.views import View
 
 Start = Literal["stationary", "home"]
 """Where users begin: anywhere, as they are in the long run, or at their homes."""
-
-
-class Area(NamedTuple):
-    """The map, which extends from 0 to ``width_m`` in x and to ``depth_m`` in y, in metres."""
-
-    width_m: float
-    depth_m: float
-
-
-class Walks(NamedTuple):
-    """The walks of all users: rows of T0_US X0 Y0 VX VY, in microseconds, metres and m/s.
-
-    The rows of user u are ``offsets[u]:offsets[u + 1]``. A user's first leg begins at time 0. Each
-    leg begins where and when the one before ends; the last one has no end.
-    """
-
-    legs: NDArray[np.float64]
-    offsets: NDArray[np.int64]
-
-    def drawn(self) -> Walks:
-        """Return these walks, which need not be drawn (see ``RowWalks``)."""
-        return self
-
-
-@row
-class Walker(Row):
-    """A walking user: the end of its present leg, its velocity, and the beginning of the leg.
-
-    The walkers of a mobility model also have the numbers that the model remembers.
-    """
-
-    x_m: float
-    y_m: float
-    vx_mps: float
-    vy_mps: float
-    t_us: int
-    from_us: int
-    from_x_m: float
-    from_y_m: float
-    stream: Stream
-
-
-@row
-class Walking(Row):
-    """All users' walks in an episode: the walkers, and their legs in the present span of time.
-
-    The legs (five numbers each) of user u are those from ``legs_at[u]`` to ``legs_at[u + 1]`` - 1.
-    ``count`` is their number, which may exceed the memory for them. ``lost`` is the number of the
-    user whose leg is invalid (see ``misstep``), plus 1; 0 if there is none.
-    """
-
-    width_m: float
-    depth_m: float
-    horizon_us: int
-    begun: int
-    lost: int
-    count: int
-    walkers: Table[Walker]
-    legs: Table[float]
-    legs_at: Table[int]
 
 
 class RowMobility:
@@ -134,7 +76,9 @@ class RowMobility:
     plain: ClassVar = ("walks",)
     """The methods of which a subclass overrides one if it makes whole tables of legs."""
 
-    def begin(self, walker: Any, user: int, homes: Any, streams: Any, area: Any) -> None:
+    def begin(
+        self, walker: Walker, user: int, homes: Table[float], streams: Table[int], area: Area
+    ) -> None:
         """Put a user where it is at time 0, which is at home if this is not overridden.
 
         Write ``walker.x_m`` and ``y_m``, and what the model remembers; the user's random stream
@@ -142,7 +86,7 @@ class RowMobility:
         ``streams`` the four words with which its random stream begins, from 4 u on.
         """
 
-    def next_leg(self, walker: Any, stream: Any, area: Any) -> None:
+    def next_leg(self, walker: Walker, stream: Stream, area: Area) -> None:
         """Let a user walk its next leg, from where it is at ``walker.t_us``.
 
         Write the leg's velocity to ``walker.vx_mps`` and ``vy_mps``, its end to ``x_m``, ``y_m``
@@ -184,14 +128,14 @@ def later(t_us: int, seconds: float) -> int:
 
 
 @rule
-def stay(walker: Any, until_us: int) -> None:
+def stay(walker: Walker, until_us: int) -> None:
     """Let a user stand still until a time."""
     walker.vx_mps = walker.vy_mps = 0.0
     walker.t_us = until_us
 
 
 @rule
-def go_to(walker: Any, x_m: float, y_m: float, speed_mps: float) -> None:
+def go_to(walker: Walker, x_m: float, y_m: float, speed_mps: float) -> None:
     """Let a user walk straight to a place on the map, at a speed above 0."""
     away_x_m, away_y_m = x_m - walker.x_m, y_m - walker.y_m
     far_m = math.sqrt(away_x_m * away_x_m + away_y_m * away_y_m)
@@ -199,7 +143,7 @@ def go_to(walker: Any, x_m: float, y_m: float, speed_mps: float) -> None:
 
 
 @rule
-def go_until(walker: Any, x_m: float, y_m: float, until_us: int) -> None:
+def go_until(walker: Walker, x_m: float, y_m: float, until_us: int) -> None:
     """Let a user walk straight to a place on the map, where it arrives at a time."""
     lasts_us = until_us - walker.t_us
     walker.vx_mps = (x_m - walker.x_m) / (lasts_us * 1e-6)
@@ -209,7 +153,7 @@ def go_until(walker: Any, x_m: float, y_m: float, until_us: int) -> None:
 
 
 @rule
-def go_on(walker: Any, area: Any, until_us: int) -> None:
+def go_on(walker: Walker, area: Area, until_us: int) -> None:
     """Let a user walk on at its velocity until a time, or until it reaches the edge of the map.
 
     If it is at the edge and would leave the map, it is reflected first.
@@ -224,7 +168,7 @@ def go_on(walker: Any, area: Any, until_us: int) -> None:
 
 
 @rule
-def _go_to_wall(walker: Any, area: Any, x: float, y: float, lasts_us: int) -> None:
+def _go_to_wall(walker: Walker, area: Area, x: float, y: float, lasts_us: int) -> None:
     """Let a user who is on the way from (x, y) to the edge of the map, or past it, stop there."""
     vx, wall_x, hit_us = _next_wall(x, walker.vx_mps, area.width_m, lasts_us)
     vy, wall_y, hit_us = _next_wall(y, walker.vy_mps, area.depth_m, hit_us)
@@ -258,106 +202,6 @@ def _next_wall(at: float, velocity: float, size: float, most_us: int) -> tuple[f
     return velocity, -1.0, most_us
 
 
-# ---- legs of a span of time
-
-
-def _begin_by(begin: Callable[..., None]) -> Callable[..., None]:
-    """Return a function that puts all users where they are at time 0."""
-
-    def begin_all(mobility: Any, walking: Any, homes: Any, streams: Any) -> None:
-        walking.begun = 1
-        area = Area(walking.width_m, walking.depth_m)
-        for user in range(len(walking.walkers)):
-            walker = walking.walkers[user]
-            walker.x_m, walker.y_m = homes[2 * user], homes[2 * user + 1]
-            begin_stream(walker.stream, streams, 4 * user)
-            begin(mobility, walker, user, homes, streams, area)
-
-    return begin_all
-
-
-def _walk_by(
-    next_leg: Callable[..., None],
-    stays_on_map: bool,
-    held: Callable[[Any], Any] = lambda walker: walker,
-    put_back: Callable[[Any, Any], None] = lambda walker, held: None,
-) -> Callable[..., None]:
-    """Return a function that writes all legs of a span, beginning with those under way.
-
-    Spans follow one another. The function ends at once if a leg is invalid. Compiled code works on
-    a copy of each walker (``held``), which is in registers.
-    """
-
-    def walk(mobility: Any, walking: Any, start_us: int, end_us: int) -> None:
-        area = Area(walking.width_m, walking.depth_m)
-        first_us = min(start_us + 1, walking.horizon_us)
-        last_us = min(end_us + 1, walking.horizon_us)
-        legs, count, most = walking.legs, 0, len(walking.legs) // LEG_COLUMNS
-        for user in range(len(walking.walkers)):
-            walker = held(walking.walkers[user])
-            while True:
-                if walker.t_us >= first_us:
-                    if count < most:
-                        leg = LEG_COLUMNS * count
-                        legs[leg + T0_US] = float(walker.from_us)
-                        legs[leg + X0], legs[leg + Y0] = walker.from_x_m, walker.from_y_m
-                        legs[leg + VX], legs[leg + VY] = walker.vx_mps, walker.vy_mps
-                    count += 1
-                    if walker.t_us >= last_us:
-                        break
-                walker.from_us = walker.t_us
-                walker.from_x_m, walker.from_y_m = walker.x_m, walker.y_m
-                next_leg(mobility, walker, walker.stream, area)
-                takes_time = walker.t_us > walker.from_us
-                if not takes_time or not (stays_on_map or _leads_on(walker, area)):
-                    walking.lost = user + 1
-                    break
-            put_back(walking.walkers[user], walker)
-            if walking.lost:
-                return
-            walking.legs_at[user + 1] = min(count, most)
-        walking.count = count
-
-    return walk
-
-
-@rule
-def _leads_on(walker: Any, area: Any) -> Any:
-    """Return whether a leg's velocity leads to its end, and this is on the map."""
-    lasts_us = walker.t_us - walker.from_us
-    apart_m = abs(walker.from_x_m + walker.vx_mps * lasts_us * 1e-6 - walker.x_m)
-    apart_m += abs(walker.from_y_m + walker.vy_mps * lasts_us * 1e-6 - walker.y_m)
-    return (
-        (apart_m <= NEAR_M)
-        & (abs(walker.x_m - 0.5 * area.width_m) <= 0.5 * area.width_m + STRAY_M)
-        & (abs(walker.y_m - 0.5 * area.depth_m) <= 0.5 * area.depth_m + STRAY_M)
-    )
-
-
-def misstep(mobility: Any, walking: Any) -> SimulationError:
-    """Return the error of an invalid leg: it takes no time, leaves the map or misses its end."""
-    user = walking.lost - 1
-    walker = walking.walkers[user]
-    at_s, x_m, y_m = walker.t_us / 1e6, walker.x_m, walker.y_m
-    if walker.t_us <= walker.from_us:
-        problem = f"the leg of user {user} that begins at {walker.from_us / 1e6:g} s takes no time"
-    elif off_map(x_m, y_m, walking):
-        problem = (
-            f"user {user} is off the map of {walking.width_m:g} x {walking.depth_m:g} m "
-            f"at {at_s:g} s: ({x_m:g}, {y_m:g}) m"
-        )
-    else:
-        problem = f"the velocity of user {user} does not lead to where it is at {at_s:g} s"
-    return SimulationError(f"users.mobility: {kind_of(mobility)!r}: {problem}")
-
-
-def off_map(x_m: Any, y_m: Any, area: Any) -> Any:
-    """Return whether places are off the map, by more than rounding."""
-    on_map = (x_m >= -STRAY_M) & (x_m <= area.width_m + STRAY_M)
-    on_map &= (y_m >= -STRAY_M) & (y_m <= area.depth_m + STRAY_M)
-    return np.logical_not(on_map)
-
-
 # ---- walks of a whole episode
 
 
@@ -368,10 +212,10 @@ def walking_of(mobility: Any) -> Any:
     return row(type("Walking", (Row,), {"__annotations__": kinds}))
 
 
-def _around(cls: Any, values_at: Any) -> Any:
+def _around(cls: Any, values_at: Values) -> Any:
     """Return the function ``walk`` of a class of models (see ``Function.around``)."""
-    walk_on = ruled(_walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back))
-    begin_all, words = ruled(_begin_by(ruled(cls.begin))), remembering(Walker, cls).words
+    walk_on = ruled(walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back))
+    begin_all, words = ruled(begin_by(ruled(cls.begin))), remembering(Walker, cls).words
     owner = owner_of(cls)
     walking_at = pointer_to(walking_of(cls), owner)
     floats_at, words_at = entries_at(float, owner), entries_at(int, owner)
@@ -456,8 +300,8 @@ class RowWalks(Unchanging):
             at, words = (BoundedTable(array.reshape(-1).tolist()) for array in arrays)
             if owner:
                 bound(walking)
-            naming(owner, _begin_by(model.begin))(mobility, walking, at, words)
-            walk = naming(owner, _walk_by(model.next_leg, model.stays_on_map))
+            naming(owner, begin_by(model.begin))(mobility, walking, at, words)
+            walk = naming(owner, walk_by(model.next_leg, model.stays_on_map))
             walk(mobility, walking, 0, self.horizon_us)
             return walking
         for name, array in (("walkers", block[cls.words :]), ("legs", legs), ("legs_at", offsets)):

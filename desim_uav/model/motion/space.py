@@ -21,7 +21,7 @@ from desim_uav.model.motion.legs import (
     write_profile,
 )
 from desim_uav.model.motion.limits import Limits, Wind, wind_along
-from desim_uav.model.motion.motion import REST, TRAPEZOID, Transit, cruise_of
+from desim_uav.model.motion.motion import REST, TRAPEZOID, BangCoastBang, Transit, cruise_of
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import US
 
@@ -86,7 +86,7 @@ class Space(NamedTuple):
         return leg_between(self.limits, self.wind, speed, start, stop)
 
 
-def limits_of(motion: Any) -> Limits:
+def limits_of(motion: BangCoastBang) -> Limits:
     """Return the limits of drones that fly by a motion."""
     return Limits(
         float(motion.max_speed_mps),

@@ -7,12 +7,12 @@ bits differ between platforms.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
 
-from desim_uav.model.random.streams import uniform
+from desim_uav.model.random.streams import Stream, uniform
 from desim_uav.registry import Checked
 from desim_uav.rowcode.kernels import rule
 
@@ -52,13 +52,13 @@ def on_grid(value: float) -> float:
 
 
 @rule
-def between(stream: Any, low: float, high: float) -> float:
+def between(stream: Stream, low: float, high: float) -> float:
     """Return a uniform number from ``low`` to ``high``."""
     return low + uniform(stream) * (high - low)
 
 
 @rule
-def power_law(stream: Any, low: float, high: float, exponent: float) -> float:
+def power_law(stream: Stream, low: float, high: float, exponent: float) -> float:
     """Return a number from ``low`` > 0 to ``high`` whose density is in proportion to its power.
 
     The distribution function is inverted, in a form that holds near the exponent -1 too.
@@ -70,7 +70,7 @@ def power_law(stream: Any, low: float, high: float, exponent: float) -> float:
 
 
 @rule
-def longer_first(stream: Any, low: float, high: float) -> float:
+def longer_first(stream: Stream, low: float, high: float) -> float:
     """Return a number from ``low`` to ``high`` whose density is in proportion to itself.
 
     Of uniform times, it is that under way at a given moment.
@@ -79,7 +79,7 @@ def longer_first(stream: Any, low: float, high: float) -> float:
 
 
 @rule
-def two_normals(stream: Any) -> tuple[float, float]:
+def two_normals(stream: Stream) -> tuple[float, float]:
     """Return two independent standard normal numbers, by Marsaglia's polar method."""
     while True:
         x, y = between(stream, -1.0, 1.0), between(stream, -1.0, 1.0)
@@ -90,7 +90,7 @@ def two_normals(stream: Any) -> tuple[float, float]:
 
 
 @rule
-def in_disc(stream: Any) -> tuple[float, float]:
+def in_disc(stream: Stream) -> tuple[float, float]:
     """Return a point that is uniform in the disc of radius 1 around 0."""
     while True:
         x, y = between(stream, -1.0, 1.0), between(stream, -1.0, 1.0)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.rowcode.kernels import kernel, maker, rule
-from desim_uav.rowcode.rows import Row, row
+from desim_uav.rowcode.rows import Row, Table, row
 
 
 class Purpose(IntEnum):
@@ -218,7 +218,7 @@ class Stream(Row):
 
 
 @rule
-def begin_stream(stream: Stream, words: Any, first: int) -> None:
+def begin_stream(stream: Stream, words: Table[int], first: int) -> None:
     """Put a stream at the state whose four words begin at index ``first``."""
     stream.a, stream.b = words[first], words[first + 1]
     stream.c, stream.counter = words[first + 2], words[first + 3]
@@ -251,7 +251,7 @@ def apart(stream: Any) -> None:
 
 
 @rule
-def exponential_us(stream: Any, mean_s: float) -> int:
+def exponential_us(stream: Stream, mean_s: float) -> int:
     """Return an exponential time in whole microseconds, which takes one number of a stream.
 
     Rounding hides differences of logarithms between platforms, which are in their last bit. The
@@ -261,7 +261,7 @@ def exponential_us(stream: Any, mean_s: float) -> int:
 
 
 @rule
-def heading(stream: Any) -> tuple[float, float]:
+def heading(stream: Stream) -> tuple[float, float]:
     """Return a vector of length 1 in a uniform direction.
 
     It is drawn by rejection, because square roots and quotients are the same on every platform,

@@ -20,7 +20,7 @@ from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_a
 from desim_uav.model.geometry.crossings import crossings
 from desim_uav.model.geometry.grid import Grid
 from desim_uav.model.geometry.relative import ENTERS, TIME_US, USER
-from desim_uav.model.mobility.walking import Walks
+from desim_uav.model.mobility.walks import Walks
 from desim_uav.model.motion.motion import REST
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.rowcode.kernels import maker

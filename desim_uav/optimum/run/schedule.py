@@ -127,7 +127,7 @@ class Team:
         j = 0
         if self.alone.limited:
             left_us = round((seen.battery_s or 0.0) * US)
-            j = (self.world.capacity_us - left_us) // self.world.step_us
+            j = (self.world.only_type.capacity_us - left_us) // self.world.step_us
         decision = int(plan.decisions[step, at, j])
         if decision == CHARGE:
             return Action.CHARGE, at

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from desim_uav.engine.saved import Rows, SavedState
 from desim_uav.model.demand.asking import DUE_US, Requests, from_now
 from desim_uav.model.geometry.coverage import T0_US, all_walked
-from desim_uav.model.mobility.walking import RowWalks, Walks, from_here
+from desim_uav.model.mobility.walking import RowWalks, from_here
+from desim_uav.model.mobility.walks import Walks
 from desim_uav.model.radio.draws import imagined_links
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Phase

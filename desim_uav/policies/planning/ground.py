@@ -94,8 +94,8 @@ def ground_of(world: World) -> Ground:
     station_of = np.full(count, -1)
     for station, (x, y) in enumerate(world.stations):
         station_of[x * ny + y] = station
-    full = max(1, world.capacity_us // unit_us) if limited else 1
-    charges = [min(unit * unit_us, world.capacity_us) for unit in range(full + 1)]
+    full = max(1, world.only_type.capacity_us // unit_us) if limited else 1
+    charges = [min(unit * unit_us, world.only_type.capacity_us) for unit in range(full + 1)]
     noisy = world.scenario.position_noise is not None
     rings, radii_m = _radii(world, levels)
     return Ground(
@@ -107,9 +107,9 @@ def ground_of(world: World) -> Ground:
         unit_us,
         station_of,
         _returns(world, levels, unit_us),
-        -1 if noisy or not limited else world.return_below_us // unit_us,
+        -1 if noisy or not limited else world.only_type.return_below_us // unit_us,
         _needs(after, drains, station_of) if limited else np.zeros(count, np.int64),
-        np.array([world.until_full_us(charge) for charge in charges], np.int64),
+        np.array([world.only_type.until_full_us(charge) for charge in charges], np.int64),
         np.repeat(rings, nx * ny),
         np.tile(np.arange(nx * ny), levels),
         np.array([grid.centre(x, y) for x in range(nx) for y in range(ny)]),
@@ -151,7 +151,7 @@ def _drained_us(world: World, action: Choice) -> int:
     if energy is None:
         return 0
     rest = world.only_type.rest
-    transit = world.epoch_transits.get(action, rest)
+    transit = world.only_type.epoch_transits.get(action, rest)
     rest_us = world.step_us - transit.duration_us
     drained_us = energy.drained_us(rest, max(rest_us, 0))
     if transit.duration_us:
@@ -175,7 +175,7 @@ def _returns(world: World, levels: int, unit_us: int) -> Ints:
     if not world.scenario.limited_battery or not world.stations:
         return found
     for place in range(len(found)):
-        back = world.planner.plan((place // ny % nx, place % ny, place // (nx * ny)))
+        back = world.only_type.planner.plan((place // ny % nx, place % ny, place // (nx * ny)))
         if back is not None:
             x, y = world.stations[back.station]
             found[place] = (x * ny + y, back.duration_us, -(-back.drained_us // unit_us), 1)

@@ -82,7 +82,7 @@ def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing
             station = _station(ground, x, y)
             landings.append((lands_us, 0, station, battery_us, drone.index))
         elif seen.mode in IN_QUEUE:
-            battery_us = seen.battery_s * ground.world.per_second
+            battery_us = seen.battery_s * ground.world.only_type.per_second
             station = ground.world.stations.index((drone.x, drone.y))
             landings.append((-1, places[drone.index], station, battery_us, drone.index))
         else:
@@ -95,7 +95,7 @@ def _free(ground: Ground, drone: Any, seen: Observation) -> Standing:
     """Return the standing of a drone that decides now."""
     battery_us = ground.unit_us
     if seen.battery_s is not None:
-        battery_us = round(seen.battery_s * ground.world.per_second)
+        battery_us = round(seen.battery_s * ground.world.only_type.per_second)
     level = min(drone.level, ground.world.grid.levels(True) - 1)
     units = min(battery_us // ground.unit_us, ground.full)
     return Standing(0, ground.number(drone.x, drone.y, level), units)
@@ -108,13 +108,13 @@ def _lands(
     world, lands_us = ground.world, 0
     hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
     if hop != (0, 0, 0):
-        ends_us = drone.since_us + world.return_transits[hop].duration_us
+        ends_us = drone.since_us + world.only_type.return_transits[hop].duration_us
         lands_us += max(0, ends_us - int(engine.state.now_us))
     x, y = drone.to_x, drone.to_y
     for dx, dy, up in engine.hops(drone.route, drone.route_end):
-        lands_us += world.return_transits[int(dx), int(dy), int(up)].duration_us
+        lands_us += world.only_type.return_transits[int(dx), int(dy), int(up)].duration_us
         x, y = x + dx, y + dy
-    left = ((seen.battery_s or 0.0) * 1e6 - lands_us) * (world.per_second / US)
+    left = ((seen.battery_s or 0.0) * 1e6 - lands_us) * (world.only_type.per_second / US)
     return lands_us, (int(x), int(y)), left
 
 
@@ -132,7 +132,7 @@ def _charges(
     pads = world.scenario.stations.pads
     free_us: list[list[int]] = [[0] * pads for _ in world.stations]
     for lands_us, _, station, battery_us, drone in landings:
-        takes_us = world.until_full_us(int(max(battery_us, 0.0)))
+        takes_us = world.only_type.until_full_us(int(max(battery_us, 0.0)))
         pad = free_us[station].index(min(free_us[station]))
         begins_us = max(lands_us, free_us[station][pad], 0)
         free_us[station][pad] = begins_us + takes_us

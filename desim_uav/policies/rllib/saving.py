@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.disk import write_whole
 from desim_uav.errors import DesimError, MissingExtraError, PolicyError
 from desim_uav.policies.rllib.adapter import described, spaces
 from desim_uav.policies.rllib.file import (
@@ -22,7 +23,7 @@ from desim_uav.policies.rllib.file import (
     SETTINGS,
     Saved,
 )
-from desim_uav.run_folder import world_hash, write_whole
+from desim_uav.run_folder import world_hash
 from desim_uav.scenario.load import scenario_hash, seedless
 from desim_uav.world import World
 

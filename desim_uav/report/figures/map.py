@@ -11,7 +11,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from desim_uav.report.links import point_rings_m, shade
-from desim_uav.scenario.schema import NoFly
+from desim_uav.scenario.map import NoFly
 from desim_uav.world import World
 
 POINT = "0.15"

@@ -13,10 +13,11 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from desim_uav.errors import PolicyError, UsageError
+from desim_uav.parquet_file import no_such, read_table
 from desim_uav.records import TRAINING
 from desim_uav.report.figures.style import Figure, headed, look, styled
 from desim_uav.report.json_file import Form, read_json
-from desim_uav.run_folder import no_such, read_scenario, read_table
+from desim_uav.run_folder import read_scenario
 from desim_uav.scenario.load import to_plain
 
 CURVES = {

@@ -15,7 +15,7 @@ from desim_uav.model.rules import US, Mode
 from desim_uav.report.batteries import powers_w
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
-from desim_uav.scenario.schema import flies_freely
+from desim_uav.scenario.drones import flies_freely
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -25,7 +25,7 @@ class Record(Row):
     action_taken: int
     attached_users: int
     served_requests: int
-    bandwidth_bps: int
+    used_hz: int
     return_us: int
     used: int
     reward: float
@@ -44,7 +44,7 @@ class PointRecord(Row):
     access_point: int
     attached_users: int
     served_requests: int
-    bandwidth_bps: int
+    used_hz: int
 
 
 @row

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.mobility.walking import Walking
+from desim_uav.model.mobility.walks import Walking
 from desim_uav.rowcode.rows import Queue, Row, Table, row
 from desim_uav.rules.rows.drones import Drone, Observation, Pair, Station
 from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record

@@ -127,7 +127,7 @@ class TestInAScenario:
         )
         worlds = [build_world(scenario, 0) for scenario in (plain, named)]
         assert worlds[0].charging == worlds[1].charging == Constant(7.0)
-        assert worlds[0].full_charge_us == 420_000_000
+        assert worlds[0].only_type.full_charge_us == 420_000_000
         assert "charging" not in to_plain(plain)["stations"]
         assert "full_charge_min" not in to_plain(named)["stations"]
 

@@ -17,7 +17,7 @@ from desim_uav.model.mobility.levy import Levy
 from desim_uav.model.mobility.manhattan import Manhattan
 from desim_uav.model.mobility.mobility import leaves_the_map
 from desim_uav.model.mobility.random_waypoint import RandomWaypoint
-from desim_uav.model.mobility.walking import Area
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.random.distributions import mean_distance, mean_of_power_law, mean_slowness
 from tests.verification.figure import Estimate, check
 from tests.verification.mobility import (

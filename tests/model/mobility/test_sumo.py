@@ -9,7 +9,7 @@ import pytest
 
 from desim_uav.model.mobility.recorded_walks import Trace
 from desim_uav.model.mobility.sumo import WayPoint, read_fcd
-from desim_uav.model.mobility.walking import Area
+from desim_uav.model.mobility.walks import Area
 from desim_uav.model.random.streams import Purpose, Streams
 
 US = 1_000_000

@@ -99,7 +99,7 @@ function ofDrone(state, d) {
   rows.push(...energyRows(state, d));
   rows.push(["action", action(state, d)], ...destination(state, d));
   if (run.by_event) rows.push(...asked(state, d));
-  rows.push([run.graded ? "mean data rate" : "bandwidth in use", shareOf(state.usedBps[d], own.bandwidth_bps)]);
+  rows.push([run.graded ? "mean data rate" : "bandwidth in use", shareOf(state.usedBps[d], own.bandwidth_hz)]);
   rows.push(["attached users", usersOf(state, d)]);
   const served = [];
   for (let u = 0; u < run.users && served.length < 13; u += 1) {

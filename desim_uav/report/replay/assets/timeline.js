@@ -389,8 +389,8 @@ function lanesOf(run, state) {
 
 /** The bandwidth of all drones, or null if it is unlimited. */
 function bandwidthOfAll(run) {
-  if (run.types.some((type) => type.bandwidth_bps === null)) return null;
-  return run.type_of.reduce((sum, number) => sum + run.types[number].bandwidth_bps, 0);
+  if (run.types.some((type) => type.bandwidth_hz === null)) return null;
+  return run.type_of.reduce((sum, number) => sum + run.types[number].bandwidth_hz, 0);
 }
 
 const bandwidthLimit = (run, course) => (bandwidthOfAll(run)

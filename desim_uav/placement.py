@@ -1,0 +1,128 @@
+"""What is drawn for a world: its buildings, the clusters of users, and the users' homes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import ScenarioError
+from desim_uav.model.geometry.grid import Cell, Grid, connected
+from desim_uav.model.random.streams import Purpose, Streams
+from desim_uav.scenario.map import DrawnObstacles
+from desim_uav.scenario.schema import Scenario
+
+REDRAWS = 100
+"""How often a map is drawn anew whose free cells are not connected."""
+PLACEMENTS = 10_000
+"""How often the place of a home is drawn anew that is not on the map."""
+
+
+def draw_buildings(scenario: Scenario, seed: int, kept_free: set[Cell]) -> NDArray[np.float64]:
+    """Draw the tallest building of each cell (nx, ny) until the free cells are connected."""
+    obstacles = scenario.map.obstacles
+    height_m = np.zeros(scenario.map.cells)
+    if obstacles is None or not scenario.three_d:
+        return height_m
+    if not isinstance(obstacles, DrawnObstacles):
+        for ix, iy, height in obstacles.cells:
+            height_m[ix, iy] = height
+        return height_m
+    rng = Streams(seed, Purpose.WORLD).generator(0)
+    for _ in range(1 + REDRAWS):
+        height_m = _draw_squares(scenario, obstacles, rng)
+        for cell in kept_free:
+            height_m[cell] = 0.0
+        if connected((height_m > 0.0) & (height_m >= scenario.map.levels.min_altitude_m)):
+            return height_m
+    raise ScenarioError(
+        f"map.obstacles: none of {1 + REDRAWS} drawn maps (world seed {seed}) leaves the free "
+        f"cells connected at the lowest level; lower map.obstacles.coverage"
+    )
+
+
+def _draw_squares(
+    scenario: Scenario, obstacles: DrawnObstacles, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw building squares without replacement on their own grid, and map them to cells."""
+    width_m, depth_m = scenario.map.size_m
+    nx, ny = scenario.map.cells
+    square_x = obstacles.square_m or width_m / nx
+    square_y = obstacles.square_m or depth_m / ny
+    columns, rows = math.ceil(width_m / square_x - 1e-9), math.ceil(depth_m / square_y - 1e-9)
+    fraction = rng.uniform(*obstacles.coverage)
+    count = round(fraction * columns * rows)
+    squares = rng.choice(columns * rows, size=count, replace=False)
+    heights = rng.uniform(*obstacles.height_m, size=count)
+    height_m = np.zeros((nx, ny))
+    if obstacles.square_m is None:  # a square is a cell
+        height_m[np.divmod(squares, rows)] = heights
+        return height_m
+    for square, height in zip(squares.tolist(), heights.tolist(), strict=True):
+        column, row = divmod(square, rows)
+        xs = _overlapped(column * square_x, (column + 1) * square_x, width_m / nx, nx)
+        ys = _overlapped(row * square_y, (row + 1) * square_y, depth_m / ny, ny)
+        height_m[xs, ys] = np.maximum(height_m[xs, ys], height)
+    return height_m
+
+
+def _overlapped(low_m: float, high_m: float, cell_m: float, cells: int) -> slice:
+    """Return the cells along one axis that share more than an edge with [low, high]."""
+    first = math.floor(low_m / cell_m + 1e-9)
+    return slice(first, min(math.ceil(high_m / cell_m - 1e-9), cells))
+
+
+def draw_clusters(scenario: Scenario, seed: int) -> NDArray[np.float64]:
+    """Draw centroids uniformly on the map, if possible a radius from the edge: x, y, radius."""
+    clusters = scenario.users.clusters
+    if clusters is None:
+        return np.empty((0, 3))
+    streams = Streams(seed, Purpose.WORLD)
+    drawn = []
+    for cluster in range(clusters.count):
+        rng = streams.generator(1 + cluster)
+        radius = rng.uniform(*clusters.radius_m)
+        margins = (min(radius, side / 2) for side in scenario.map.size_m)
+        x, y = (
+            rng.uniform(margin, side - margin)
+            for margin, side in zip(margins, scenario.map.size_m, strict=True)
+        )
+        drawn.append((x, y, radius))
+    return np.array(drawn)
+
+
+def draw_homes(
+    scenario: Scenario, seed: int, grid: Grid, clusters: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Draw the users' homes: clusters in turn, truncated normal positions, heights in buildings."""
+    users = scenario.users
+    streams = Streams(seed, Purpose.PLACEMENT)
+    homes = np.zeros((users.count, 3))
+    for user in range(users.count):
+        rng = streams.generator(user)
+        if users.positions_m is not None:
+            homes[user, :2] = users.positions_m[user]
+        else:
+            homes[user, :2] = _truncated_normal(rng, clusters[user % len(clusters)], grid)
+        building = grid.height_m[grid.cell_of(*homes[user, :2])]
+        if building > 0.0:
+            homes[user, 2] = rng.uniform(0.0, min(building, users.max_height_m))
+    return homes
+
+
+def _truncated_normal(
+    rng: np.random.Generator, cluster: Sequence[float] | NDArray[np.float64], grid: Grid
+) -> tuple[float, float]:
+    """Draw from a normal around a centroid (σ = radius / 2), truncated to its disc and the map."""
+    x, y, radius = cluster
+    for _ in range(PLACEMENTS):
+        dx, dy = rng.normal(0.0, radius / 2.0, size=2)
+        on_map = 0.0 <= x + dx <= grid.width_m and 0.0 <= y + dy <= grid.depth_m
+        if dx * dx + dy * dy <= radius * radius and on_map:
+            return float(x + dx), float(y + dy)
+    raise ScenarioError(
+        f"users.clusters.radius_m: none of {PLACEMENTS} places drawn around a centroid is on the "
+        f"map; the map is too small for a radius of {radius:g} m"
+    )

@@ -1,0 +1,46 @@
+"""The values in the paper's code, as defaults beneath the keys of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from desim_uav.scenario.components import Slot
+from desim_uav.scenario.learning import PAPER_LEARNING
+from desim_uav.scenario.slots import BATTERY, DEMAND, REWARD
+
+
+def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The paper's code as defaults beneath the keys of a file: ``given`` with them filled in."""
+    filled = dict(given)
+    drones = given.get("drones", {})
+    if isinstance(drones, Mapping):
+        filled["drones"] = _paper_drones(drones)
+    elif isinstance(drones, list):
+        filled["drones"] = [_paper_drones(d) if isinstance(d, Mapping) else d for d in drones]
+    filled = _with_default(filled, "demand", DEMAND, "none", 0.1)
+    filled = _with_default(filled, "reward", REWARD, "cost_sign", 1.0)
+    learning = given.get("learning", {})
+    if isinstance(learning, Mapping):
+        filled["learning"] = PAPER_LEARNING | dict(learning)
+        for key in ("alpha", "epsilon"):
+            if isinstance(learning.get(key), Mapping):
+                filled["learning"][key] = PAPER_LEARNING[key] | dict(learning[key])
+    return filled
+
+
+def _paper_drones(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Drones, or a type of them, with the default of the paper's code."""
+    return _with_default(given, "battery", BATTERY, "respawn_after_min", 0.0)
+
+
+def _with_default(
+    given: Mapping[str, Any], key: str, slot: Slot, parameter: str, value: float
+) -> dict[str, Any]:
+    """``given`` with a parameter of the component at ``key``, where its kind has one to give."""
+    component = given.get(key, {})
+    if not isinstance(component, Mapping):
+        return dict(given)
+    if parameter not in slot.parameter_names(component.get("kind")):
+        return dict(given)
+    return {**given, key: {parameter: value, **component}}
