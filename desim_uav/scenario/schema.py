@@ -33,7 +33,7 @@ from desim_uav.model.motion.motion import BangCoastBang, Motion
 from desim_uav.model.observations import Encoding
 from desim_uav.model.radio.radio import Disc, LinkClasses, Radio
 from desim_uav.model.rewards import Reward
-from desim_uav.model.services import PAPER, Hold, Volume
+from desim_uav.model.services import PAPER, Service
 from desim_uav.rules.admission import FirstCome
 from desim_uav.rules.observations import Position
 from desim_uav.rules.rewards import MultiService
@@ -57,7 +57,7 @@ RADIO = Slot("radio", "disc", Radio)
 LINKS = Slot("radio", "link_classes", Radio)
 ASSOCIATION = Slot("association", "entered_first", Association, by_name=True)
 DECISIONS = Slot("decisions", "clock", Decisions, by_name=True)
-SERVICE = Slot("service", "uniform_choice", Hold | Volume)
+SERVICE = Slot("service", "uniform_choice", Service)
 
 
 def _ascending(values: tuple[float, float]) -> tuple[float, float]:
@@ -428,7 +428,7 @@ class Scenario(Section):
     demand: Annotated[Demand, DEMAND] = Dynamic()
     """When users make requests, and for which services."""
     services: Annotated[
-        dict[Name, Annotated[Hold | Volume, SERVICE]], Field(min_length=1, max_length=1000)
+        dict[Name, Annotated[Service, SERVICE]], Field(min_length=1, max_length=1000)
     ] = Field(default_factory=lambda: dict(PAPER))
     """The services by name: how long a request takes and what bandwidth it occupies."""
     wind_mps: Velocity = CALM

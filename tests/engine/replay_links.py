@@ -84,7 +84,7 @@ class LinkReplay:
         ]
         self.bands += [Band.of(point.radio, None) for point in points]
         self.users = [Link() for _ in world.homes]
-        in_bits = world.services.in_bits.tolist()
+        in_bits = world.services.has_volumes
         self.work = [Work(request, in_bits[request.service]) for request in log.requests]
         self.log, self.step_us, self.now_us = log, world.step_us, 0
         self.attached_us = self.bandwidth_us_hz = self.outage_us = 0
