@@ -42,7 +42,7 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
     open_request(world, path, state, user, number)
     note(state, words.REQUEST, words.ON_REQUEST, -1, user.index, user.request.number, -1)
     if user.request.stage > 0:
-        note_stage(state, words.REQUEST, -1, user)
+        _begin_stage(state, words.REQUEST, -1, user)
     if user.holder >= 0:
         drone = state.senders[user.holder]
         wait(world, state, drone, user)
@@ -56,13 +56,20 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
     stop(state, user, words.COMPLETION)
     leave(drone, user)
     if next_stage(world, user.request):
-        note_stage(state, words.COMPLETION, drone.index, user)
+        _begin_stage(state, words.COMPLETION, drone.index, user)
         wait(world, state, drone, user)
     else:
         close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
     if len(drone.waiting) > 0 or len(drone.sharing) > 0:
         scan_later(state, drone)
         settle_after(world, path, state, words.COMPLETION)
+
+
+@rule
+def _begin_stage(state: State, phase: int, drone: int, user: User) -> None:
+    """Count and log that a user's request has passed to a stage, of which nothing is done."""
+    user.share = progress(user.request, 0)
+    note_stage(state, phase, drone, user)
 
 
 @rule

@@ -42,7 +42,7 @@ def _begin_stage(
 ) -> bool:
     """Begin the first stage from number ``following`` on whose amount is above 0, if there is one.
 
-    If there is none, the request is in its last stage, of which all is done.
+    If there is none, the stage that has been done is the request's last one.
     """
     for k in range(following, request.stages):
         stage = world.stages[world.first_stages[request.service] + k]
@@ -53,7 +53,7 @@ def _begin_stage(
             request.bandwidth_bps = values[first + stage.rate] if stage.rate >= 0 else 0
             request.rate = 1 if stage.timed else request.bandwidth_bps
             return True
-    request.stage = request.stages - 1
+    request.stages = request.stage + 1
     return False
 
 
