@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,3 +84,26 @@ class Rounds:
             Stage("first", rate="rate", timed=True),
             Stage("second", rate="second_rate", timed=True),
         )
+
+
+def staged(held: bool, which: int) -> dict[str, Any]:
+    """A service of several stages, some of which are of nothing; ``held``: its rates must be."""
+    if held:
+        return {
+            "kind": "tests.staged:Rounds",
+            "first_s": [0.0, 20.0],
+            "second_s": [15.0, 60.0],
+            "kbps": [100.0, 600.0],
+            "second_kbps": [400.0],
+        }
+    if which % 2:
+        volumes = {"up_mbit": [5.0, 30.0], "down_mbit": [0.0, 60.0]}
+        return {"kind": "tests.staged:Exchange", **volumes}
+    return {
+        "kind": "tests.staged:Survey",
+        "duration_s": [20.0, 40.0],
+        "held_kbps": [200.0],
+        "bit_min": [0, 30_000_000],
+        "confirm_s": [5.0],
+        "confirm_kbps": [300.0],
+    }

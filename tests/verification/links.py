@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.staged import staged
 from tests.verification.convergence import DTS_S, by_event, scenario_of, slopes
 from tests.verification.figure import Figure
 
@@ -99,13 +100,6 @@ def linked_by_event(seed: int) -> dict[str, Any]:
 def staged_scenario_of(seed: int) -> dict[str, Any]:
     """The same scenario with services of several stages, some of which are of nothing."""
     mapping = linked_scenario_of(seed)
-    if mapping["drones"]["radio"]["sharing"] == "held":
-        own = {"kind": "tests.staged:Rounds", "first_s": [0.0, 20.0], "second_s": [15.0, 60.0]}
-        own |= {"kbps": [100.0, 600.0], "second_kbps": [400.0]}
-    elif seed % 2:
-        own = {"kind": "tests.staged:Exchange", "up_mbit": [5.0, 30.0], "down_mbit": [0.0, 60.0]}
-    else:
-        own = {"kind": "tests.staged:Survey", "duration_s": [20.0, 40.0], "held_kbps": [200.0]}
-        own |= {"bit_min": [0, 30_000_000], "confirm_s": [5.0], "confirm_kbps": [300.0]}
-    mapping["services"]["file"] = own
+    held = mapping["drones"]["radio"]["sharing"] == "held"
+    mapping["services"]["file"] = staged(held, seed)
     return mapping
