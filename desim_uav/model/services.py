@@ -64,7 +64,10 @@ class Service(Protocol):
     """
 
     def values(self) -> Mapping[str, NDArray[np.int64]]:
-        """Return the lists from which a request draws, by name: whole numbers, at least one."""
+        """Return the lists from which a request draws, by name: whole numbers, at least one.
+
+        If a list has the name of a field, messages about the list name this key of the scenario.
+        """
 
     def stages(self) -> tuple[Stage, ...]:
         """Return the stages in the order in which a request passes through them."""
@@ -159,13 +162,13 @@ class UniformChoice:
         """Return the durations in microseconds, and the bandwidths in bit/s."""
         durations_us = [round(minutes * 60 * US) for minutes in self.duration_min]
         return {
-            "duration": np.array(durations_us, np.int64),
-            "bandwidth": _bps(self.bandwidth_kbps),
+            "duration_min": np.array(durations_us, np.int64),
+            "bandwidth_kbps": _bps(self.bandwidth_kbps),
         }
 
     def stages(self) -> tuple[Stage, ...]:
         """Return the one stage: the bandwidth is held for the duration."""
-        return (Stage("duration", rate="bandwidth", timed=True),)
+        return (Stage("duration_min", rate="bandwidth_kbps", timed=True),)
 
 
 @register("service", "transfer")
@@ -186,13 +189,13 @@ class Transfer:
         """Return the volumes in millionths of a bit, and the rates in bit/s (0: none are held)."""
         volumes_ubit = [round(mbit * MICROBITS) for mbit in self.volume_mbit]
         return {
-            "volume": np.array(volumes_ubit, np.int64),
-            "bandwidth": _bps(self.bandwidth_kbps or (0,)),
+            "volume_mbit": np.array(volumes_ubit, np.int64),
+            "bandwidth_kbps": _bps(self.bandwidth_kbps or (0,)),
         }
 
     def stages(self) -> tuple[Stage, ...]:
         """Return the one stage: the volume is delivered."""
-        return (Stage("volume", rate="bandwidth" if self.bandwidth_kbps else None),)
+        return (Stage("volume_mbit", rate="bandwidth_kbps" if self.bandwidth_kbps else None),)
 
 
 PAPER: dict[str, Service] = {

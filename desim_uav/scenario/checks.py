@@ -20,6 +20,7 @@ from desim_uav.model.services import (
     LARGEST_UBIT,
     MOST_BPS,
     MOST_REQUIRED,
+    Service,
     amount_of,
     problems_of,
     rates_bps,
@@ -293,12 +294,20 @@ def stages_can_be_served(scenario: Scenario) -> Iterator[Finding]:
         for stage in () if problems else service.stages():
             rates, (least, _, most) = rates_bps(service, stage), amount_of(service, stage)
             if not 0 <= np.min(rates) <= np.max(rates) <= MOST_BPS:
-                yield Finding(path, f"{stage.rate} must be from 0 to {MOST_BPS:,} bit/s")
+                key = _key_of_list(name, service, stage.rate)
+                yield Finding(key, f"in bit/s, it must be from 0 to {MOST_BPS:,}")
             limit = MOST_REQUIRED if stage.timed else LARGEST_UBIT
             unit = "microseconds" if stage.timed else "millionths of a bit"
             lowest = int(len(service.stages()) == 1)
             if not lowest <= least <= most <= limit:
-                yield Finding(path, f"{stage.amount} must be from {lowest} to {limit:,} {unit}")
+                key = _key_of_list(name, service, stage.amount)
+                yield Finding(key, f"in {unit}, it must be from {lowest} to {limit:,}")
+
+
+def _key_of_list(name: str, service: Service, values: str | None) -> KeyPath:
+    """Return the key of a list of a service, or that of the service if its fields lack the list."""
+    own = (values,) if values is not None and hasattr(service, values) else ()
+    return ("services", name, *own)
 
 
 def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:

@@ -284,7 +284,7 @@ class Endless(RowEnergy):
         ({"episode": {"steps": 1_000_000, "step_s": 86_400}}, r"2\^53 microseconds \(285 years\)"),
         (
             {"services": {"a": {"kind": f"{HERE}:TooLong"}}},
-            "services.a: .*lasts must be .*to 4,611,686,",
+            "services.a: .*from 1 to 4,611,686,",
         ),
         ({"services": {"a": {"kind": f"{HERE}:TooWide"}}}, "services.a: .*from 0 to 1,000,000"),
         (

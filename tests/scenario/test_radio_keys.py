@@ -162,8 +162,8 @@ def test_what_a_scenario_says() -> None:
     (point,) = scenario.access_points
     assert (point.at_m, point.radio.power_dbm, point.counts_in_reward) == ((3.0, 4.0), 30.0, False)
     values = scenario.services["file"].values()
-    assert values["volume"].tolist() == [8 * 10**12, 1]
-    assert values["bandwidth"].tolist() == [0]
+    assert values["volume_mbit"].tolist() == [8 * 10**12, 1]
+    assert values["bandwidth_kbps"].tolist() == [0]
 
 
 def test_it_can_be_written_and_read_again() -> None:

@@ -288,5 +288,5 @@ class TestCatalogue:
 
     def test_parts_of_a_minute(self):
         values = UniformChoice((0.5, 1e-7), (0.5,)).values()
-        assert values["duration"].tolist() == [30 * US, 6]
-        assert values["bandwidth"].tolist() == [500]
+        assert values["duration_min"].tolist() == [30 * US, 6]
+        assert values["bandwidth_kbps"].tolist() == [500]
