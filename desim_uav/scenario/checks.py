@@ -291,7 +291,7 @@ def stages_can_be_served(scenario: Scenario) -> Iterator[Finding]:
     for name, service in scenario.services.items():
         path, problems = ("services", name), problems_of(service)
         yield from (Finding(path, problem) for problem in problems)
-        for stage in () if problems else service.stages():
+        for number, stage in enumerate(() if problems else service.stages()):
             rates, (least, _, most) = rates_bps(service, stage), amount_of(service, stage)
             if not 0 <= np.min(rates) <= np.max(rates) <= MOST_BPS:
                 key = _key_of_list(name, service, stage.rate)
@@ -302,6 +302,11 @@ def stages_can_be_served(scenario: Scenario) -> Iterator[Finding]:
             if not lowest <= least <= most <= limit:
                 key = _key_of_list(name, service, stage.amount)
                 yield Finding(key, f"in {unit}, it must be from {lowest} to {limit:,}")
+            elif number:
+                alike = [one for one in service.stages() if one.timed == stage.timed]
+                total = sum(amount_of(service, one).most for one in alike)
+                if total > limit:
+                    yield Finding(path, f"its stages need {total:,} {unit}, above {limit:,}")
 
 
 def _key_of_list(name: str, service: Service, values: str | None) -> KeyPath:
