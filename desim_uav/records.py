@@ -82,7 +82,7 @@ REQUESTS = Columns(
     requested_s=(
         FLOAT,
         "The service time that the request requires, in seconds, in all its stages together. Null "
-        "if it asks for a volume.",
+        "if one of them asks for a volume.",
     ),
     served_s=(FLOAT, "The service time that the request received, in seconds."),
     bandwidth_kbps=(FLOAT, "The rate that the request holds while it is served, in kbit/s."),
