@@ -1,9 +1,9 @@
 """Quality of experience: QoE1-3 and the measures derived from a frame of requests.
 
 The basic columns of a request are its times, ``requested_s`` and ``served_s``, and for services
-that ask for a volume ``requested_mbit`` and ``delivered_mbit``. ``derive`` computes
-the other columns from them, and ``summary`` averages them. The definitions are in
-``docs/explanation/model.md``.
+that ask for a volume ``requested_mbit`` and ``delivered_mbit``; if services have several stages,
+``stages``, ``stages_done`` and ``stage_done``. ``derive`` computes the other columns from them, and
+``summary`` averages them. The definitions are in ``docs/explanation/model.md``.
 """
 
 from __future__ import annotations
@@ -74,8 +74,14 @@ def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float)
         delivered = requests["delivered_mbit"]
         derived["qoe1"] = derived["qoe1"].fillna(delivered / requests["requested_mbit"])
         derived["throughput_kbps"] = 1000 * delivered / open_s.where(open_s > 0)
+    if "stages" in requests:
+        several = requests["stages"] > 1
+        done = (requests["stages_done"] + requests["stage_done"]) / requests["stages"]
+        derived["qoe1"] = done.where(several, derived["qoe1"])
     feasible_s = requests["requested_s"].clip(upper=left_s)
     derived["qoe1_feasible"] = requests["served_s"] / feasible_s.where(feasible_s > 0)
+    if "stages" in requests:
+        derived["qoe1_feasible"] = derived["qoe1_feasible"].mask(requests["stages"] > 1)
     derived["qoe2_iterations"] = _between(requests["served_s"], open_s) / step_s
     return derived
 

@@ -58,9 +58,20 @@ VOLUMES = Columns(
     ),
 )
 
+STAGES = Columns(
+    "If a service has several stages:",
+    stages=(INT, "How many stages the request has."),
+    stages_done=(INT, "How many of them have been done."),
+    stage_done=(
+        FLOAT,
+        "The share of the next stage that has been done. 0 if the request is completed.",
+    ),
+)
+
 REQUESTS = Columns(
     "One row per request. Every request that was made is there, also if it was never served.",
     VOLUMES,
+    STAGES,
     episode=_EPISODE,
     request_id=(INT, "The number of the request in its episode, from 0."),
     user=(INT, "The number of the user, from 0."),
@@ -70,7 +81,8 @@ REQUESTS = Columns(
     t_end_s=(FLOAT, "When the request was completed, refused, or closed by the episode's end."),
     requested_s=(
         FLOAT,
-        "The service time that the request requires, in seconds. Null if it asks for a volume.",
+        "The service time that the request requires, in seconds, in all its stages together. Null "
+        "if one of them asks for a volume.",
     ),
     served_s=(FLOAT, "The service time that the request received, in seconds."),
     bandwidth_kbps=(FLOAT, "The rate that the request holds while it is served, in kbit/s."),
@@ -86,11 +98,15 @@ REQUESTS = Columns(
     handovers=(INT, "How often the request went from one drone to another."),
     drones=(LIST, "The drones that served the request, in order, without immediate repetitions."),
     outcome=(TEXT, "`completed`, `unfinished` or `never_served`."),
-    qoe1=(FLOAT, "What was served over what was requested, of time or volume, from 0 to 1."),
+    qoe1=(
+        FLOAT,
+        "What was served over what was requested, of time or volume, from 0 to 1. For a request of "
+        "several stages, those done and the share of the next one, over all.",
+    ),
     qoe1_feasible=(
         FLOAT,
         "`served_s` over the part of `requested_s` that fits before the episode's end. "
-        "Null if no time was left, or if the request asks for a volume.",
+        "Null if no time was left, if the request asks for a volume, or if it has several stages.",
     ),
     qoe2_iterations=(FLOAT, "The time the request was open but not served, in steps."),
     attached_s=(FLOAT, "Seconds for which the user was attached to a drone while it was open."),
@@ -273,10 +289,16 @@ OTHERS = Columns(
     other=("Int64", "The other drone of an event of two drones."),
 )
 
+BEGUN = Columns(
+    "If a service has several stages:",
+    stage=("Int64", "The number of the stage that the request begins, from 0."),
+)
+
 EVENTS = Columns(
     "One row per event, sorted by time, phase, drone and user. Kept with `--events`.",
     CLASSES,
     OTHERS,
+    BEGUN,
     episode=_EPISODE,
     t_us=(INT, "The time of the event, in microseconds."),
     phase=(INT, "The phase of the instant in which it happened, from 1 to 13."),

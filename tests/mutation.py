@@ -203,10 +203,24 @@ MUTATIONS = (
     ),
     Mutation(
         "requests wait in the order in which they reach a drone",
-        "rules/service.py",
+        "rules/stages.py",
         "len(queue)\n    while place > 0:\n",
         "len(queue)\n    while place < 0:\n",
         ("engine/test_admission.py",),
+    ),
+    Mutation(
+        "a stage begins with what was done in the one before",
+        "rules/stages.py",
+        "amount, 0, 0\n",
+        "amount, request.done, 0\n",
+        ("engine/test_stages.py",),
+    ),
+    Mutation(
+        "stages that are done do not count as progress",
+        "rules/stages.py",
+        "(float(request.stage) + share)",
+        "share",
+        ("engine/test_stages.py",),
     ),
     Mutation(
         "a request that has ended still counts as open in the footprints around its user",

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.audit_instants import audit_instant
 from desim_uav.engine.audit_sight import possible_levels_dbm
 from desim_uav.model.geometry.coverage import all_walked
+from desim_uav.model.services import SHARING, drawn_amount
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User
@@ -40,7 +41,7 @@ def audit(simulation: Simulation) -> None:
     _energy(simulation)
     if simulation.log.duration_us == 0:
         for user in state.users:
-            _one_state(state, user)
+            _one_state(world, state, user)
         _geometry(simulation)
     audit_instant(simulation)
 
@@ -80,7 +81,7 @@ def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
         if user.request.number >= 0 and user.request.server == drone.index
     ]
     used_hz = sum(request.used_hz for request in served)
-    held_hz = sum(request.used_hz for request in served if not request.elastic)
+    held_hz = sum(request.used_hz for request in served if not request.queued)
     assert used_hz == drone.used_hz, f"bandwidth of {drone.index}"
     bandwidth_hz = world.radios[drone.radio].bandwidth_hz
     if bandwidth_hz >= 0:
@@ -123,7 +124,7 @@ def _stations(world: Constants, state: State) -> None:
         assert sum(charging) <= world.pads, "more drones charge than there are pads"
 
 
-def _one_state(state: State, user: User) -> None:
+def _one_state(world: Constants, state: State, user: User) -> None:
     """Check that an open request is served by its user's drone or waits there, if there is one."""
     request = user.request
     queues = [drone.index for drone in state.senders if user.index in drone.waiting]
@@ -131,9 +132,10 @@ def _one_state(state: State, user: User) -> None:
     if request.number < 0:
         assert not queues and not shares, "a user waits without a request"
         return
-    _work(state, request)
-    if request.elastic:
-        assert not queues, "an elastic request waits"
+    _work(world, state, request)
+    assert bool(request.queued) == bool(queues or shares), "queued without a line, or in one"
+    if request.line == SHARING:
+        assert not queues, "a request that shares waits"
         assert shares == [user.holder] * (user.holder >= 0), "a share where a user is not attached"
         assert request.server in (-1, user.holder), "served by another drone"
     elif user.holder < 0:
@@ -144,14 +146,27 @@ def _one_state(state: State, user: User) -> None:
         assert request.server == user.holder and not queues, "served by another drone"
 
 
-def _work(state: State, request: Request) -> None:
-    """Check that no more is done for a request than it requires, within its last microsecond."""
+def _work(world: Constants, state: State, request: Request) -> None:
+    """Check that no more is done for a request than it requires, within its last microsecond.
+
+    A request has been served for the times of the stages that it has passed through, if they are
+    measured in time, and for what is done in this one.
+    """
+    first = world.first_stages[request.service]
+    stages = world.stages[first : first + request.stages]
+    assert 0 <= request.stage < request.stages, "a stage that there is not"
+    passed = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
+    if request.stages > 1:
+        assert request.required == drawn_amount(stages[request.stage], request.drawn, 0) > 0
     assert 0 <= request.done <= request.required, "served more than requested"
     if request.server >= 0:
         done = request.done + request.rate * (state.now_us - request.counted_us)
         assert done < request.required + request.rate, "served more than requested"
-    if not request.in_bits:
-        assert request.done == request.served_us, "time served is not what is done"
+    times_us = sum(us for us, one in zip(passed, stages, strict=False) if one.timed)
+    times_us += request.done if stages[request.stage].timed else 0
+    assert times_us <= request.served_us, "more time is done than served"
+    if all(one.timed for one in stages[: request.stage + 1]):
+        assert times_us == request.served_us, "time served is not what is done"
 
 
 def _geometry(simulation: Simulation) -> None:

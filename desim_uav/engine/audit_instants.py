@@ -133,7 +133,7 @@ def _admission(simulation: Simulation, seen: Seen) -> None:
         new = [one for one in new if one.server == number and one.started_us == state.now_us]
         for user in drone.waiting:
             request = users[user].request
-            later = [one for one in new if not one.elastic and _place(one) > _place(request)]
+            later = [one for one in new if not one.queued and _place(one) > _place(request)]
             later_hz = sum(one.used_hz for one in later)
             waits = later_hz == 0 or request.needs_hz > drone.free_hz + later_hz
             assert waits, f"user {user} waits behind those who asked later at drone {number}"

@@ -15,7 +15,8 @@ Event = tuple[Any, ...]
 """An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none.
 
 If the drones' links have classes, the class of the link that the event changed follows. If drones
-have to keep a distance, the other drone of an event of two drones follows.
+have to keep a distance, the other drone of an event of two drones follows. If a service has several
+stages, the number of the stage that begins follows.
 """
 
 
@@ -23,13 +24,16 @@ have to keep a distance, the other drone of an event of two drones follows.
 class ClosedRequest:
     """A closed request; times are in microseconds since the start of the episode.
 
-    ``required`` and ``done`` are microseconds of service, or millionths of a bit. ``drones`` lists
+    ``required`` and ``done`` are microseconds of service, or millionths of a bit, in stage number
+    ``stage``, its last one; ``asked_us``, ``asked_ubit`` and ``sent_ubit`` are sums over its stages
+    (see ``rules.stages.count_amounts``). ``drones`` lists
     the drones that served it, in order; ``t_first_us`` is the start of service.
     """
 
     request_id: int
     user: int
     service: int
+    stage: int
     bandwidth_bps: int
     required: int
     done: int
@@ -39,6 +43,9 @@ class ClosedRequest:
     t_first_us: int | None
     t_end_us: int
     interruptions: int
+    asked_us: int
+    asked_ubit: int
+    sent_ubit: int
     drones: list[int]
     outcome: Outcome
 

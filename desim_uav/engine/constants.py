@@ -12,6 +12,7 @@ from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import move_of
+from desim_uav.model.services import StageRow
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules.rows import (
@@ -115,9 +116,9 @@ def _set_links(made: Constants, world: World) -> None:
     made.sharers = scenario.drone_count + sum(point.counts_in_reward for point in points)
     made.points = Table(fill(Point, (*point.at_m, point.height_m)) for point in points)
     made.radios = Table(map(_radio, world.links))
-    made.in_bits = Table(world.services.in_bits.astype(int).tolist())
-    elastic = world.services.in_bits & world.links[0].radio.sharing.elastic
-    made.elastic = Table(elastic.astype(int).tolist())
+    made.draws = world.services.draws
+    made.first_stages = Table(world.services.first_stages)
+    made.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)
 
 
 def _radio(links: Links) -> Radio:

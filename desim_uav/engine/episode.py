@@ -24,7 +24,15 @@ from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
 from desim_uav.rules.rows import Closed, Event
 from desim_uav.rules.whole_state import names_of, write_state
-from desim_uav.rules.words import EVENT_KINDS, NEVER, OF_PAIRS, ON_LEG, OVERBOOKED, TOO_LARGE
+from desim_uav.rules.words import (
+    EVENT_KINDS,
+    NEVER,
+    OF_PAIRS,
+    ON_LEG,
+    ON_STAGE,
+    OVERBOOKED,
+    TOO_LARGE,
+)
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -196,6 +204,7 @@ class Engine(CarryOver):
         """Add the events, requests and records of the step that has ended to the log."""
         log, state = self.log, self.state
         keeps_apart = self.world.scenario.separation_m is not None
+        keeps_stages = self.world.services.several_stages
         if state.crashes > len(log.crashed):
             log.crashed[:] = self.entries("crashed")
         if state.keeps_requests:
@@ -210,10 +219,14 @@ class Engine(CarryOver):
                     phase, kind = PHASES[event.phase], EVENT_KINDS[event.kind]
                     of_pair = event.kind in OF_PAIRS
                     user, other = (-1, event.user) if of_pair else (event.user, -1)
-                    rest = (event.drone, user, event.request, event.station)
+                    begins = event.kind == ON_STAGE
+                    station, stage = (-1, event.station) if begins else (event.station, -1)
+                    rest = (event.drone, user, event.request, station)
                     link_class = (event.link_class,) if state.keeps_links else ()
                     others = (other,) if keeps_apart else ()
-                    log.events.append((event.t_us, phase, kind, *rest, *link_class, *others))
+                    stages = (stage,) if keeps_stages else ()
+                    more = (*link_class, *others, *stages)
+                    log.events.append((event.t_us, phase, kind, *rest, *more))
             log.legs.extend(map(flown_leg, self.entries("flown")))
         if state.terminated or state.truncated:
             self._end_log()

@@ -48,7 +48,8 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
         pieces = most_pieces(world)
         pairs = combinations(range(drones), 2)
         state.pairs = Table(_pair(*both, pieces) for both in pairs)
-    state.users = Table(_user(index, senders) for index in range(users))
+    draws = world.services.draws if world.services.several_stages else 0
+    state.users = Table(_user(index, senders, draws) for index in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
         station.queue.buffer = drones
@@ -105,11 +106,12 @@ def _pair(one: int, other: int, pieces: int) -> rows.Pair:
     return pair
 
 
-def _user(index: int, senders: int) -> rows.User:
+def _user(index: int, senders: int, draws: int) -> rows.User:
     """Return a user without a request, whom none of the senders covers."""
     user = blank(rows.User)
     user.index = user.request.user = index
     user.holder = user.request.number = user.request.server = -1
     user.covering, user.classes = Table([-1] * senders), _zeros(senders)
     user.better_since = Table([-1] * senders)
+    user.request.drawn = _zeros(draws)
     return user

@@ -243,7 +243,7 @@ def tabulate(world: World, played: Sequence[Played], keep_events: bool) -> Resul
         tables.steps_table(logs, world),
         tables.episodes_table(logs, world, requests),
         tables.users_table([path for _, path in played], world),
-        tables.events_table(logs) if keep_events else None,
+        tables.events_table(logs, world) if keep_events else None,
         tables.legs_table(logs) if keep_events else None,
         tables.points_table(logs) if world.scenario.access_points else None,
     )

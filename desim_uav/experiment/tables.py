@@ -24,6 +24,7 @@ from desim_uav.model.sums import in_order
 from desim_uav.records import (
     AIMED,
     APART,
+    BEGUN,
     CLASSES,
     CRUISED,
     ENERGY,
@@ -34,9 +35,11 @@ from desim_uav.records import (
     OTHERS,
     POINTS,
     REQUESTS,
+    STAGES,
     STEPS,
     STORED,
     USERS,
+    VOLUMES,
     to_frame,
 )
 from desim_uav.report.links import mean_rate_bps
@@ -54,8 +57,9 @@ UBIT = 10**12
 def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     """Return one row per request, ordered by episode and request_id."""
     names = world.services.names
-    in_bits = world.services.in_bits
-    columns = REQUESTS.among(REQUESTS.more if in_bits.any() else ())
+    has_volumes, stages = world.services.has_volumes, world.services.stages
+    several = world.services.several_stages
+    columns = REQUESTS.among((*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ())))
     basic = {name: dtype for name, dtype in columns.items() if name not in DERIVED}
     rows = (
         (
@@ -66,14 +70,15 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
             r.t_request_us / US,
             None if r.t_first_us is None else r.t_first_us / US,
             r.t_end_us / US,
-            None if in_bits[r.service] else r.required / US,
+            None if has_volumes[r.service] else r.asked_us / US,
             r.served_us / US,
             r.bandwidth_bps / 1000,
             r.interruptions,
             r.drones,
             str(r.outcome),
             r.attached_us / US,
-            *_volumes(r, bool(in_bits[r.service])) * bool(in_bits.any()),
+            *_volumes(r, has_volumes[r.service]) * any(has_volumes),
+            *_stages(r, len(stages[r.service])) * several,
         )
         for log in logs
         for r in log.requests
@@ -83,9 +88,16 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     return qoe.derive(frame, duration_s, world.step_us / US)[list(columns)]
 
 
-def _volumes(request: ClosedRequest, in_bits: bool) -> tuple[float | None, ...]:
+def _volumes(request: ClosedRequest, has_volumes: bool) -> tuple[float | None, ...]:
     """Return the volumes requested and delivered in Mbit, which are None for a service time."""
-    return (request.required / UBIT, request.done / UBIT) if in_bits else (None, None)
+    return (request.asked_ubit / UBIT, request.sent_ubit / UBIT) if has_volumes else (None, None)
+
+
+def _stages(request: ClosedRequest, count: int) -> tuple[float, ...]:
+    """Return the number of stages, how many of them are done, and the share done of the next."""
+    if request.done == request.required:
+        return count, count, 0.0
+    return count, request.stage, request.done / request.required
 
 
 STEP_VALUES: dict[str, Callable[[Any], Any]] = {
@@ -218,10 +230,11 @@ def _energy(log: EpisodeLog, requests: pd.DataFrame, of_all: bool) -> dict[str, 
     }
 
 
-def events_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
+def events_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     """Return one row per event, in order of time, phase, drone and user."""
     more = [*(CLASSES if any(log.links is not None for log in logs) else ())]
     more += OTHERS if any(log.apart is not None for log in logs) else ()
+    more += BEGUN if world.services.several_stages else ()
     rows = (
         (log.episode, t_us, int(phase), kind, *(None if i < 0 else i for i in concerned))
         for log in logs

@@ -14,9 +14,9 @@ from desim_uav.errors import SimulationError
 class Waiting(Protocol):
     """A waiting request, with all that an admission rule may know about it.
 
-    ``done`` of ``required`` are microseconds of service or, if it is ``in_bits``, millionths of a
-    bit. It holds a rate of ``bandwidth_bps``, for which it needs a bandwidth of ``needs_hz``; they
-    are equal at the 1 bit/s/Hz of the paper's disc.
+    ``done`` of ``required`` are microseconds of service or millionths of a bit in stage number
+    ``stage`` of ``stages``. It holds a rate of ``bandwidth_bps``, for which it needs a bandwidth of
+    ``needs_hz``; they are equal at the 1 bit/s/Hz of the paper's disc.
     """
 
     user: int
@@ -24,7 +24,8 @@ class Waiting(Protocol):
     t_request_us: int
     required: int
     done: int
-    in_bits: int
+    stage: int
+    stages: int
     bandwidth_bps: int
     needs_hz: int
 

@@ -1,10 +1,11 @@
-"""Services: how long the requests of users take, and which bandwidth they occupy."""
+"""Services: the stages of which their requests consist, and the numbers that requests draw."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Protocol, runtime_checkable
+from itertools import accumulate
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
@@ -12,33 +13,134 @@ from numpy.typing import NDArray
 
 from desim_uav.model.rules import US
 from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rule
+from desim_uav.rowcode.rows import Row, row
 
 MICROBITS = 10**12
 """The millionths of a bit in a megabit."""
 
+MOST_REQUIRED, MOST_BPS = 2**62, 10**12
+"""The largest service time in microseconds, or volume in millionths of a bit, and the largest
+bandwidth of a request: what is done for it, and a bandwidth times the millionths of a bit/s/Hz,
+then fits in 64 bits."""
 
-class Hold(Protocol):
-    """A service whose requests hold a rate for a time.
+LARGEST_UBIT = 10**18
+"""The largest volume of a service in millionths of a bit, which is 1e6 Mbit."""
 
-    It is two lists of equally likely values, such as quantiles of a continuous distribution.
+LINK = "link"
+RESOURCES = (LINK,)
+"""The resources of stages: the link of a user to the drone or access point it is attached to."""
+
+WAITING, SHARING = range(2)
+"""The lines of a drone in which requests stand, by what their stages need: a rate that is held, for
+which they wait until it fits, or what is left of the bandwidth, which they share."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A part of a service: an amount of a resource, which is needed before the next stage begins.
+
+    Its numbers are drawn from the lists of ``Service.values``, which it names. The amount is a
+    value of ``amount``, times one of ``times`` if this is given, over ``per`` and rounded down; a
+    stage of amount 0 is left out. If it is ``timed``, it is a time in microseconds, else a volume
+    in millionths of a bit. A stage with a ``rate`` in bit/s holds this rate while it is served, and
+    waits until there is bandwidth for it; one without a rate gets what the drones' sharing gives
+    it.
     """
 
-    def durations_us(self) -> NDArray[np.int64]:
-        """Return the service times that a request can require, in microseconds, each above 0."""
+    amount: str
+    rate: str | None = None
+    timed: bool = False
+    times: str | None = None
+    per: int = 1
+    resource: str = LINK
 
-    def bandwidths_bps(self) -> NDArray[np.int64]:
-        """Return the bandwidths that a request can occupy, in bit/s."""
+
+class Service(Protocol):
+    """A service, as data: the stages of its requests, and lists of equally likely values.
+
+    A request draws one value from each list, independently and in the order of the lists, when the
+    sample path is drawn. Continuous distributions are lists of their quantiles.
+    """
+
+    def values(self) -> Mapping[str, NDArray[np.int64]]:
+        """Return the lists from which a request draws, by name: whole numbers, at least one.
+
+        If a list has the name of a field, messages about the list name this key of the scenario.
+        """
+
+    def stages(self) -> tuple[Stage, ...]:
+        """Return the stages in the order in which a request passes through them."""
 
 
-@runtime_checkable
-class Volume(Protocol):
-    """A service whose requests ask for a volume, as two lists of equally likely values."""
+class Amount(NamedTuple):
+    """The least, the mean and the largest amount that requests can need in a stage."""
 
-    def volumes_ubit(self) -> NDArray[np.int64]:
-        """Return the volumes that a request can ask for, in millionths of a bit, each above 0."""
+    least: int
+    mean: float
+    most: int
 
-    def bandwidths_bps(self) -> NDArray[np.int64]:
-        """Return the rates that a request can hold, in bit/s; zeros if none are held."""
+
+def amount_of(service: Service, stage: Stage) -> Amount:
+    """Return what requests for a service can need in one of its stages."""
+    values = service.values()
+    own = values[stage.amount]
+    least, mean, most = int(np.min(own)), float(np.mean(own)), int(np.max(own))
+    if stage.times is not None:
+        by = values[stage.times]
+        least, most = least * int(np.min(by)), most * int(np.max(by))
+        mean *= float(np.mean(by))
+    return Amount(least // stage.per, mean / stage.per, most // stage.per)
+
+
+def rates_bps(service: Service, stage: Stage) -> NDArray[np.int64]:
+    """Return the rates in bit/s that a stage of a service can hold; 0 if it holds none."""
+    none = np.zeros(1, np.int64)
+    return none if stage.rate is None else service.values()[stage.rate]
+
+
+def largest_bps(service: Service) -> float:
+    """Return the largest rate in bit/s that a request for a service can hold."""
+    return max(float(np.max(rates_bps(service, stage))) for stage in service.stages())
+
+
+def has_volumes(service: Service) -> bool:
+    """Return whether requests for a service ask for a volume in one of their stages."""
+    return not all(stage.timed for stage in service.stages())
+
+
+def is_one_time(service: Service) -> bool:
+    """Return whether requests for a service ask for one time, for which they hold a rate."""
+    return len(service.stages()) == 1 and not has_volumes(service)
+
+
+def problems_of(service: Any) -> list[str]:
+    """Return what is wrong with the values and stages of a service of one's own."""
+    values, stages = service.values(), service.stages()
+    found = [f"values: {name!r} is empty" for name, own in values.items() if len(own) == 0]
+    if not stages:
+        found.append("stages must have at least one stage")
+    for number, stage in enumerate(stages):
+        named = [("amount", stage.amount), ("times", stage.times), ("rate", stage.rate)]
+        found += [
+            f"stages: {number}: {key}: {name!r} must be one of {', '.join(values)}"
+            for key, name in named
+            if name is not None and name not in values
+        ]
+        if stage.resource not in RESOURCES:
+            allowed = ", ".join(RESOURCES)
+            found.append(f"stages: {number}: resource: {stage.resource!r} must be one of {allowed}")
+        if stage.timed and stage.rate is None:
+            found.append(f"stages: {number}: needs a rate, because its amount is a time")
+        if stage.per < 1:
+            found.append(f"stages: {number}: per: {stage.per} must be at least 1")
+    if not found and len(stages) > 1 and all(amount_of(service, one).least < 1 for one in stages):
+        found.append("stages: one of them must always have an amount above 0")
+    return found
+
+
+def _bps(kbps: tuple[float, ...]) -> NDArray[np.int64]:
+    return np.array([round(one * 1000) for one in kbps], np.int64)
 
 
 @register("service", "uniform_choice")
@@ -56,13 +158,17 @@ class UniformChoice:
     bandwidth_kbps: Annotated[tuple[Annotated[float, Ge(0)], ...], MinLen(1)]
     """The bandwidths a request can occupy, in kbit/s, equally likely."""
 
-    def durations_us(self) -> NDArray[np.int64]:
-        """Return the durations in microseconds."""
-        return np.array([round(minutes * 60 * US) for minutes in self.duration_min], np.int64)
+    def values(self) -> dict[str, NDArray[np.int64]]:
+        """Return the durations in microseconds, and the bandwidths in bit/s."""
+        durations_us = [round(minutes * 60 * US) for minutes in self.duration_min]
+        return {
+            "duration_min": np.array(durations_us, np.int64),
+            "bandwidth_kbps": _bps(self.bandwidth_kbps),
+        }
 
-    def bandwidths_bps(self) -> NDArray[np.int64]:
-        """Return the bandwidths in bit/s."""
-        return np.array([round(kbps * 1000) for kbps in self.bandwidth_kbps], np.int64)
+    def stages(self) -> tuple[Stage, ...]:
+        """Return the one stage: the bandwidth is held for the duration."""
+        return (Stage("duration_min", rate="bandwidth_kbps", timed=True),)
 
 
 @register("service", "transfer")
@@ -79,16 +185,20 @@ class Transfer:
     bandwidth_kbps: Annotated[tuple[Annotated[float, Ge(0.001)], ...], MinLen(1)] | None = None
     """The rates that a request can hold, in kbit/s, equally likely: for the sharing `held` only."""
 
-    def volumes_ubit(self) -> NDArray[np.int64]:
-        """Return the volumes in millionths of a bit."""
-        return np.array([round(mbit * MICROBITS) for mbit in self.volume_mbit], np.int64)
+    def values(self) -> dict[str, NDArray[np.int64]]:
+        """Return the volumes in millionths of a bit, and the rates in bit/s (0: none are held)."""
+        volumes_ubit = [round(mbit * MICROBITS) for mbit in self.volume_mbit]
+        return {
+            "volume_mbit": np.array(volumes_ubit, np.int64),
+            "bandwidth_kbps": _bps(self.bandwidth_kbps or (0,)),
+        }
 
-    def bandwidths_bps(self) -> NDArray[np.int64]:
-        """Return the rates in bit/s; 0 if none are held."""
-        return np.array([round(kbps * 1000) for kbps in self.bandwidth_kbps or (0,)], np.int64)
+    def stages(self) -> tuple[Stage, ...]:
+        """Return the one stage: the volume is delivered."""
+        return (Stage("volume_mbit", rate="bandwidth_kbps" if self.bandwidth_kbps else None),)
 
 
-PAPER: dict[str, Hold | Volume] = {
+PAPER: dict[str, Service] = {
     "throughput": UniformChoice((1, 2, 3, 4, 5, 6), (96, 160, 200, 320, 750, 1000, 2500)),
     "edge_computing": UniformChoice((3,), (10, 20, 30, 40, 50)),
     "data_gathering": UniformChoice((2,), (24, 48, 72, 96, 192)),
@@ -96,42 +206,112 @@ PAPER: dict[str, Hold | Volume] = {
 """The three services of the paper."""
 
 
+# ---- services as arrays and rows
+
+FEWEST_DRAWS = 2
+"""Each request draws so many numbers at least, of which those that it does not need are 0."""
+
+
+@row
+class StageRow(Row):
+    """A stage as a row (see ``Stage``), in which lists of values have numbers; -1: there is none.
+
+    ``line`` is the number of the line of a drone in which a request stands in this stage.
+    """
+
+    line: int
+    timed: int
+    amount: int
+    times: int
+    per: int
+    rate: int
+
+
+@rule
+def drawn_amount(stage: StageRow, values: Any, first: int) -> int:
+    """Return the amount of a stage, given the values that are drawn, from number ``first`` on."""
+    amount: int = values[first + stage.amount]
+    if stage.times >= 0:
+        amount = amount * values[first + stage.times]
+    return amount // stage.per
+
+
 @dataclass(frozen=True, eq=False)
 class Catalogue:
     """The services of a scenario as arrays, with one row per service in the order of ``names``.
 
-    ``share``: (services,), the cumulative probabilities of the mix. ``in_bits``: (services,),
-    whether a service asks for volumes instead of service times. ``required`` and
-    ``bandwidths_bps``: (services, widest); row s uses its first ``sizes[s]`` = (required,
-    bandwidths) entries. What is required is in microseconds, or in millionths of a bit.
+    ``share``: (services,), the cumulative probabilities of the mix. ``values``: (services, lists,
+    longest), of which list k of service s has ``sizes[s, k]`` equally likely values; ``least`` and
+    ``most`` (services, lists) are the range of what a demand model may ask for instead.
+    ``stages[s]`` are the stages of service s, as the fields of a ``StageRow``.
     """
 
     names: tuple[str, ...]
     share: NDArray[np.float64]
     sizes: NDArray[np.int64]
-    required: NDArray[np.int64]
-    bandwidths_bps: NDArray[np.int64]
-    in_bits: NDArray[np.bool_]
+    values: NDArray[np.int64]
+    least: NDArray[np.int64]
+    most: NDArray[np.int64]
+    stages: tuple[tuple[tuple[int, ...], ...], ...]
+
+    @property
+    def draws(self) -> int:
+        """The largest number of values that a request draws."""
+        return int(self.sizes.shape[1])
+
+    @property
+    def has_volumes(self) -> tuple[bool, ...]:
+        """Whether requests for each service ask for a volume in one of their stages."""
+        return tuple(not all(timed for _, timed, *_ in own) for own in self.stages)
+
+    @property
+    def several_stages(self) -> bool:
+        """Whether there is a service of more than one stage."""
+        return any(len(own) > 1 for own in self.stages)
+
+    @property
+    def first_stages(self) -> list[int]:
+        """The number of the first stage of each service, and at last that of all stages."""
+        return list(accumulate(map(len, self.stages), initial=0))
 
 
-def catalogue(services: Mapping[str, Hold | Volume], mix: Mapping[str, float]) -> Catalogue:
+def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Catalogue:
     """Return the services as arrays; ``mix`` maps their names to weights, which are normalised."""
     names = tuple(services)
     weights = np.array([mix.get(name, 0.0) for name in names])
     share = np.cumsum(weights / weights.sum())
     share[np.flatnonzero(weights)[-1] :] = 1.0
-    in_bits = np.array([isinstance(service, Volume) for service in services.values()])
-    required = [
-        service.volumes_ubit() if isinstance(service, Volume) else service.durations_us()
-        for service in services.values()
-    ]
-    bandwidths = [service.bandwidths_bps() for service in services.values()]
-    sizes = np.array([[len(r), len(b)] for r, b in zip(required, bandwidths, strict=True)])
-    return Catalogue(names, share, sizes, _padded(required), _padded(bandwidths), in_bits)
+    none = [np.zeros(1, np.int64)]
+    lists = [list(service.values().values()) for service in services.values()]
+    lists = [own + none * (FEWEST_DRAWS - len(own)) for own in lists]
+    sizes = np.zeros((len(names), max(map(len, lists))), np.int64)
+    values = np.zeros((*sizes.shape, max(len(one) for own in lists for one in own)), np.int64)
+    for s, own in enumerate(lists):
+        for k, one in enumerate(own):
+            sizes[s, k], values[s, k, : len(one)] = len(one), one
+    stages = tuple(_stage_rows(service) for service in services.values())
+    least, most = np.zeros_like(sizes), np.full_like(sizes, MOST_BPS)
+    for s, rows in enumerate(stages):
+        for _, _, amount, times, _, _ in rows:
+            least[s, amount] = len(rows) == 1
+            most[s, amount] = MOST_REQUIRED
+            if times >= 0:
+                most[s, [amount, times]] = values[s, [amount, times]].max(axis=1)
+    return Catalogue(names, share, sizes, values, least, most, stages)
 
 
-def _padded(rows: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    table = np.zeros((len(rows), max(len(row) for row in rows)), np.int64)
-    for target, row in zip(table, rows, strict=True):
-        target[: len(row)] = row
-    return table
+def _stage_rows(service: Service) -> tuple[tuple[int, ...], ...]:
+    """Return the stages of a service as the fields of rows."""
+    number = {name: k for k, name in enumerate(service.values())}
+    number[""] = -1
+    return tuple(
+        (
+            SHARING if stage.rate is None else WAITING,
+            int(stage.timed),
+            number[stage.amount],
+            number[stage.times or ""],
+            stage.per,
+            number[stage.rate or ""],
+        )
+        for stage in service.stages()
+    )

@@ -1,6 +1,6 @@
-"""The interface of sharing, by which a drone divides bandwidth among elastic requests.
+"""The interface of sharing, by which a drone divides bandwidth among requests that share it.
 
-Elastic requests ask for a volume, and take whatever rate they are given. The built-in components
+These ask for a volume, and take whatever rate they are given. The built-in components
 are in ``rules.sharing``.
 """
 
@@ -13,10 +13,10 @@ class RowSharing:
     """A way to divide bandwidth over rows, which can be compiled, so that both engines run it.
 
     A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
-    If it is not ``elastic``, requests for a volume hold a fixed rate instead of sharing.
+    If it divides none (not ``divides``), requests for a volume hold fixed rates instead of sharing.
     """
 
-    elastic: ClassVar[bool] = True
+    divides: ClassVar[bool] = True
     plain: ClassVar = ()
 
     def divide(self, world: Any, state: Any, drone: Any, phase: int) -> None:

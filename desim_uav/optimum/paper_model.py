@@ -12,7 +12,7 @@ from typing import Any
 from desim_uav.errors import ScenarioError
 from desim_uav.model.motion.motion import cruise_of
 from desim_uav.model.radio.radio import Disc
-from desim_uav.model.services import Volume
+from desim_uav.model.services import has_volumes, is_one_time
 from desim_uav.scenario.components import described
 from desim_uav.scenario.schema import Scenario
 
@@ -67,10 +67,11 @@ def _problems(scenario: Scenario, several_types: bool) -> Iterator[str]:
             "blocked by another"
         )
     for name, service in scenario.services.items():
-        if isinstance(service, Volume):
+        if not is_one_time(service):
+            other = "a volume" if has_volumes(service) else "several times"
             yield (
                 f"services.{name}.kind: {_kind(service)}: {ONLY} with services that ask for a time "
-                "(hold), not for a volume"
+                f"(hold), not for {other}"
             )
 
 

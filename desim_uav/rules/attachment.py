@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from desim_uav.model.services import SHARING
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.links import count_handover, unsettle
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.service import count_attached, scan_if_used, stop, wait
+from desim_uav.rules.stages import leave
 from desim_uav.rules.words import ON_ATTACH, ON_DETACH
 
 
@@ -39,11 +41,8 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
         served = user.request.server >= 0
         if served:
             stop(state, user, phase)
-        if user.request.elastic:
-            drone.sharing.remove(user.index)
-        elif not served:
-            drone.waiting.remove(user.index)
-        if served or user.request.elastic:
+        leave(drone, user)
+        if served or user.request.line == SHARING:
             scan_if_used(state, drone)
     state.attached_us += state.now_us - user.held_since_us
     state.attached_from_us -= user.held_since_us

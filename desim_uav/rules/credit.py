@@ -14,15 +14,6 @@ from desim_uav.rules.rows import Drone, State, User
 
 
 @rule
-def served_share(done: int, required: int) -> float:
-    """Return which share of a request has been done, as a quotient of two numbers with a point.
-
-    Python and compiled code divide whole numbers of more than 53 bits differently.
-    """
-    return float(done) / float(required)
-
-
-@rule
 def forget_credit(drone: Drone) -> None:
     """Reset what has been counted for a drone, at the start of an episode."""
     credit = drone.credit
@@ -84,7 +75,8 @@ def credit_service(state: State, user: User) -> None:
     if request.number >= 0 and request.server >= 0:
         done = request.done + (state.now_us - request.counted_us) * request.rate
         done = min(done, request.required)
-        share = served_share(done - request.credited, request.required)
+        share = float(done - request.credited) / float(request.required)
+        share /= float(request.stages)
         request.credited = done
         credit = state.senders[request.server].credit
         credit.served += share

@@ -5,7 +5,7 @@ from __future__ import annotations
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.transits import flight_of
-from desim_uav.rules.words import ON_LEG, REST
+from desim_uav.rules.words import ON_LEG, ON_STAGE, REST
 
 
 @rule
@@ -27,6 +27,13 @@ def note_class(state: State, phase: int, kind: int, drone: Drone, user: User) ->
     if state.keeps_events:
         note(state, phase, kind, drone.index, user.index, -1, -1)
         state.events[len(state.events) - 1].link_class = user.classes[drone.index]
+
+
+@rule
+def note_stage(state: State, phase: int, drone: int, user: User) -> None:
+    """Append the beginning of a stage of a user's request, by its number in ``station``."""
+    request = user.request
+    note(state, phase, ON_STAGE, drone, user.index, request.number, request.stage)
 
 
 @rule

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rules import words
-from desim_uav.rules.credit import served_share
-from desim_uav.rules.note import note
+from desim_uav.rules.note import note, note_stage
 from desim_uav.rules.rows import Constants, Path, State, User
 from desim_uav.rules.service import (
     close,
@@ -16,6 +15,7 @@ from desim_uav.rules.service import (
     wait,
 )
 from desim_uav.rules.settle import settle_after
+from desim_uav.rules.stages import leave, next_stage, progress
 
 
 @rule
@@ -41,6 +41,8 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
         return
     open_request(world, path, state, user, number)
     note(state, words.REQUEST, words.ON_REQUEST, -1, user.index, user.request.number, -1)
+    if user.request.stage > 0:
+        _begin_stage(state, words.REQUEST, -1, user)
     if user.holder >= 0:
         drone = state.senders[user.holder]
         wait(world, state, drone, user)
@@ -49,15 +51,25 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
 
 @rule
 def on_completion(world: Constants, path: Path, state: State, user: User) -> None:
-    """Complete a user's request, for which all that it required has been done."""
+    """Pass a user's request on to its next stage, or complete it, as all of its stage is done."""
     drone = state.senders[user.request.server]
     stop(state, user, words.COMPLETION)
-    if user.request.elastic:
-        drone.sharing.remove(user.index)
-    close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
+    leave(drone, user)
+    if next_stage(world, user.request):
+        _begin_stage(state, words.COMPLETION, drone.index, user)
+        wait(world, state, drone, user)
+    else:
+        close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
     if len(drone.waiting) > 0 or len(drone.sharing) > 0:
         scan_later(state, drone)
         settle_after(world, path, state, words.COMPLETION)
+
+
+@rule
+def _begin_stage(state: State, phase: int, drone: int, user: User) -> None:
+    """Count and log that a user's request has passed to a stage, of which nothing is done."""
+    user.share = progress(user.request, 0)
+    note_stage(state, phase, drone, user)
 
 
 @rule
@@ -86,7 +98,7 @@ def done_share(state: State, user: User) -> float:
     if request.server < 0:
         return user.share
     done = request.done + (state.now_us - request.counted_us) * request.rate
-    return served_share(min(done, request.required), request.required)
+    return progress(request, min(done, request.required))
 
 
 @rule

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from desim_uav.rowcode.kernels import rare_rule, rule
-from desim_uav.rowcode.rows import Queue
 from desim_uav.rules import words
-from desim_uav.rules.credit import credit_service, served_share
+from desim_uav.rules.credit import credit_service
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, count_outage, end_outage
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
+from desim_uav.rules.stages import count_amounts, draw_values, join, progress
 from desim_uav.rules.wide import add_product
 
 MILLION = 1_000_000
@@ -17,30 +17,10 @@ MILLION = 1_000_000
 
 @rule
 def wait(world: Constants, state: State, drone: Drone, user: User) -> None:
-    """Insert a user's request into a drone's queue: by the time it was made, then by user.
-
-    An elastic request is inserted among those that share the drone's bandwidth instead.
-    """
-    if user.request.elastic:
-        _insert(state, drone.sharing, user)
-    else:
-        user.request.needs_hz = needed_hz(world, drone, user, user.request.bandwidth_bps)
-        _insert(state, drone.waiting, user)
+    """Let a user's request stand in a drone's line: by the time it was made, then by user."""
+    user.request.needs_hz = needed_hz(world, drone, user, user.request.bandwidth_bps)
+    join(state, drone, user)
     scan_later(state, drone)
-
-
-@rule
-def _insert(state: State, queue: Queue[int], user: User) -> None:
-    """Insert a user into a queue that is ordered by the time of requests, then by user."""
-    asked_us, place = user.request.t_request_us, len(queue)
-    while place > 0:
-        before = state.users[queue[place - 1]].request
-        if before.t_request_us < asked_us:
-            break
-        if before.t_request_us == asked_us and before.user < user.index:
-            break
-        place -= 1
-    queue.insert(place, user.index)
 
 
 @rule
@@ -90,11 +70,11 @@ def fits(world: Constants, drone: Drone, bandwidth_hz: int) -> bool:
 
 @rule
 def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
-    """Begin to serve a user's request that holds the bandwidth it needs."""
+    """Begin to serve a user's request that holds the bandwidth it needs, and waits no longer."""
     request = user.request
+    request.queued = 0
     drone.free_hz -= request.needs_hz
     request.used_hz = request.needs_hz
-    request.rate = request.bandwidth_bps if request.in_bits else 1
     _begin(world, state, drone, user, phase)
 
 
@@ -102,7 +82,7 @@ def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) 
 def give_share(
     world: Constants, state: State, user: User, bandwidth_hz: int, bps: int, phase: int
 ) -> None:
-    """Serve a user's elastic request with a rate, or not at all if the rate is 0.
+    """Serve a user's request that shares bandwidth with a rate, or not at all if the rate is 0.
 
     ``bandwidth_hz`` is the part of the drone's bandwidth that it occupies.
     """
@@ -179,9 +159,9 @@ def stop(state: State, user: User, phase: int) -> None:
         request.stopped_us = now_us
     state.in_service -= 1
     state.served_us += now_us
-    user.share = served_share(request.done, request.required)
+    user.share = progress(request, request.done)
     drone.used_hz -= request.used_hz
-    if not request.elastic:
+    if not request.queued:
         drone.free_hz += request.used_hz
     drone.served[request.service] -= 1
     note(state, phase, words.ON_STOP, drone.index, user.index, request.number, -1)
@@ -195,16 +175,15 @@ def regrade(world: Constants, state: State, drone: Drone, user: User) -> None:
     all changes of the instant have happened (see ``suspend``).
     """
     request = user.request
-    if not request.elastic:
-        request.needs_hz = needed_hz(world, drone, user, request.bandwidth_bps)
-        if request.server >= 0:
-            count_service(state, request)
-            more_hz = request.needs_hz - request.used_hz
-            drone.free_hz -= more_hz
-            drone.used_hz += more_hz
-            request.used_hz = request.needs_hz
-            if drone.free_hz < 0:
-                scan_later(state, drone)
+    request.needs_hz = needed_hz(world, drone, user, request.bandwidth_bps)
+    if request.server >= 0 and not request.queued:
+        count_service(state, request)
+        more_hz = request.needs_hz - request.used_hz
+        drone.free_hz -= more_hz
+        drone.used_hz += more_hz
+        request.used_hz = request.needs_hz
+        if drone.free_hz < 0:
+            scan_later(state, drone)
     scan_if_used(state, drone)
 
 
@@ -227,7 +206,7 @@ def _admitted_last(state: State, drone: Drone) -> User:
     last = -1
     for u in range(len(state.users)):
         request = state.users[u].request
-        if request.server == drone.index and not request.elastic:
+        if request.server == drone.index and not request.queued:
             before = state.users[max(last, 0)].request
             later = request.started_us > before.started_us or (
                 request.started_us == before.started_us
@@ -246,10 +225,12 @@ def forget_request(request: Request) -> None:
     """Reset a user's request to that of a user who has not asked for anything yet."""
     request.number = request.server = -1
     request.service = request.t_request_us = request.required = request.done = request.rate = 0
-    request.in_bits = request.elastic = request.bandwidth_bps = 0
+    request.stage = request.stages = request.line = request.queued = request.bandwidth_bps = 0
     request.needs_hz = request.used_hz = request.served_us = request.attached_us = 0
     request.interruptions = request.t_first_us = request.started_us = request.counted_us = 0
     request.stopped_us = request.last_server = request.credited = 0
+    for k in range(len(request.drawn)):
+        request.drawn[k] = 0
 
 
 @rule
@@ -258,12 +239,9 @@ def open_request(world: Constants, path: Path, state: State, user: User, number:
     ask, request, now_us = path.asks[number], user.request, state.now_us
     request.number = state.opened
     request.service = ask.service
-    request.required = ask.required
-    request.in_bits, request.elastic = world.in_bits[ask.service], world.elastic[ask.service]
-    request.bandwidth_bps = ask.bandwidth_bps
+    draw_values(world, path, request, number)
     request.t_request_us = now_us
-    request.done = request.served_us = request.attached_us = request.interruptions = 0
-    request.credited = 0
+    request.queued = request.served_us = request.attached_us = request.interruptions = 0
     request.t_first_us = request.started_us = request.stopped_us = -1
     request.server = request.last_server = -1
     state.opened += 1
@@ -285,12 +263,12 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
         count_attached(state, user)
     if request.served_us > 0 and request.done < request.required:
         request.interruptions += int(now_us > request.stopped_us)
-    state.closed_qoe1 += served_share(request.done, request.required)
+    state.closed_qoe1 += progress(request, request.done)
     user.share = 0.0
     state.open_us += now_us
     state.open_requests[request.service] -= 1
     count_asking(state, user, -1)
-    _log_request(state, request)
+    _log_request(world, state, request)
     note(state, phase, kind, user.holder, user.index, request.number, -1)
     if state.keeps_links:
         end_outage(state, user, phase)
@@ -331,13 +309,14 @@ def count_attached(state: State, user: User) -> None:
 
 
 @rule
-def _log_request(state: State, request: Request) -> None:
+def _log_request(world: Constants, state: State, request: Request) -> None:
     """Log a request that is closed now, if requests are logged."""
     if state.keeps_requests:
         closed = state.closed.added()
         closed.number = request.number
         closed.user = request.user
         closed.service = request.service
+        closed.stage = request.stage
         closed.bandwidth_bps = request.bandwidth_bps
         closed.required = request.required
         closed.done = request.done
@@ -347,6 +326,7 @@ def _log_request(state: State, request: Request) -> None:
         closed.t_first_us = request.t_first_us
         closed.t_end_us = state.now_us
         closed.interruptions = request.interruptions
+        count_amounts(world, request, closed)
 
 
 @rule

@@ -1,4 +1,4 @@
-"""Sharing: how elastic requests share the bandwidth that held rates leave at a drone."""
+"""Sharing: how requests for a volume share the bandwidth that held rates leave at a drone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from desim_uav.rules.service import MILLION, efficiency_of, give_share, needed_h
 class Held(RowSharing):
     """Shares nothing: a request for a volume holds a fixed rate, and waits until this fits."""
 
-    elastic = False
+    divides = False
 
 
 @register("sharing", "equal")
@@ -94,7 +94,7 @@ class MaxRate(RowSharing):
 
 @rule
 def occupied_hz(world: Constants, state: State, drone: Drone, rate: int) -> int:
-    """Return the bandwidth in Hz that elastic requests need together, at one rate for each."""
+    """Return the bandwidth in Hz that requests which share need together, at one rate for each."""
     total = 0
     for k in range(len(drone.sharing)):
         total += needed_hz(world, drone, state.users[drone.sharing[k]], rate)

@@ -45,6 +45,7 @@ EVENT_KINDS = (
     *("deplete", "crash", "respawn"),
     *("class", "handover", "ping_pong", "outage", "outage_end"),
     *("conflict", "clear"),
+    "stage",
 )
 """The names of the kinds of events by number; the next number, ON_LEG, is for ``note_leg``."""
 
@@ -86,6 +87,7 @@ LEADS_TO = {
     ON_OUTAGE_END,
     ON_CONFLICT,
     ON_CLEAR,
+    ON_STAGE,
     ON_LEG,
 ) = range(len(EVENT_KINDS) + 1)
 

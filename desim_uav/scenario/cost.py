@@ -11,12 +11,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
 from desim_uav.model.mobility.walks import Area
-from desim_uav.model.services import Volume
+from desim_uav.model.services import Service, amount_of
 from desim_uav.scenario.drones import flies_freely
 from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.schema import Scenario
@@ -231,16 +229,20 @@ def _event_log(logged: Sequence[Part], n: _Counts) -> Part:
 
 
 def _required_s(scenario: Scenario, most_bps: int) -> float:
-    """The mean service time of a request, over the mix; for a volume, the least at this rate."""
+    """The mean time of a request in all of its stages, over the mix; of volumes, the least."""
     mix = getattr(scenario.demand, "mix", None) or dict.fromkeys(scenario.services, 1.0)
-    means = {
-        name: (float(np.mean(service.volumes_ubit())) / most_bps if most_bps else 0.0)
-        if isinstance(service, Volume)
-        else float(np.mean(service.durations_us()))
-        for name, service in scenario.services.items()
-    }
+    means = {name: _mean_us(service, most_bps) for name, service in scenario.services.items()}
     total = math.fsum(mix.values())
     return math.fsum(mix[name] / total * means[name] for name in mix) / 1e6
+
+
+def _mean_us(service: Service, most_bps: int) -> float:
+    """The mean time that the stages of a service take together, volumes at this rate (0: none)."""
+    return math.fsum(
+        amount_of(service, stage).mean / (1 if stage.timed else most_bps)
+        for stage in service.stages()
+        if stage.timed or most_bps
+    )
 
 
 def _crossings(scenario: Scenario, horizon_s: float) -> float:

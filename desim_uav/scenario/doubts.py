@@ -15,6 +15,7 @@ from desim_uav.errors import notice
 from desim_uav.model.demand.demand import Trace as RequestTrace
 from desim_uav.model.geometry.extents import extent_of, like_degrees
 from desim_uav.model.mobility.walks import Area
+from desim_uav.model.services import largest_bps
 from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
@@ -140,7 +141,7 @@ def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
     most_bps = scenario.most_bps or math.inf
     demand: Any = scenario.demand
     asked: Mapping[str, float] = {
-        name: float(np.max(service.bandwidths_bps())) for name, service in scenario.services.items()
+        name: largest_bps(service) for name, service in scenario.services.items()
     }
     mix = getattr(demand, "mix", None)
     key = "services.{}"

@@ -14,7 +14,7 @@ from desim_uav.model.radio.levels import problem_of_bounds, why_not_compiled
 from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.model.radio.rings import line_of_sight_ring_m, rings
-from desim_uav.model.services import Volume
+from desim_uav.model.services import has_volumes, is_one_time, problems_of, rates_bps
 from desim_uav.registry import FAULTS, what_failed
 from desim_uav.rowcode.components import over_rows
 from desim_uav.scenario.finding import Finding
@@ -22,7 +22,6 @@ from desim_uav.scenario.map import DrawnObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
-LARGEST_UBIT = 10**18
 """The largest volume of a request, in millionths of a bit: it fits a 64-bit integer."""
 
 LOWEST: KeyPath = ("map", "levels", "min_altitude_m")
@@ -107,10 +106,10 @@ def bands_are_shared_by_all(scenario: Scenario) -> Iterator[Finding]:
     (first_path, drones, owner), *others = _senders(scenario)
     key_of_sharing = ".".join(map(str, (*first_path, "sharing")))
     for path, radio, _ in others:
-        if radio.sharing.elastic != drones.sharing.elastic:
+        if radio.sharing.divides != drones.sharing.divides:
             yield Finding(
                 (*path, "sharing"),
-                f"must {'' if drones.sharing.elastic else 'not '}share, as {key_of_sharing} is "
+                f"must {'' if drones.sharing.divides else 'not '}share, as {key_of_sharing} is "
                 f"{_kind(drones.sharing)}: transfers hold rates everywhere or nowhere",
                 ((*first_path, "sharing"),),
             )
@@ -223,30 +222,31 @@ def searches(scenario: Scenario, links: Links) -> list[str]:
 def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
     """Transfers that hold no rate under ``held``, or one under another sharing."""
     radio_path, radio, _ = next(_of_drones(scenario))
-    elastic, path = bool(radio.sharing.elastic), (*radio_path, "sharing")
-    volumes = {name: one for name, one in scenario.services.items() if isinstance(one, Volume)}
-    for name, service in volumes.items():
-        rates, ubits = service.bandwidths_bps(), service.volumes_ubit()
-        if not elastic and np.min(rates) < 1:
+    divides, path = bool(radio.sharing.divides), (*radio_path, "sharing")
+    volumes = [
+        (name, service, stage)
+        for name, service in scenario.services.items()
+        if not problems_of(service)
+        for stage in service.stages()
+        if not stage.timed
+    ]
+    for name, service, stage in volumes:
+        rates = rates_bps(service, stage)
+        if not divides and np.min(rates) < 1:
             yield Finding(
                 ("services", name),
                 "needs bandwidth_kbps, the rates that requests hold under the sharing held; or "
                 "write drones.radio: {kind: link_classes, sharing: equal}",
                 (path, radio_path),
             )
-        if elastic and np.any(rates):
+        if divides and np.any(rates):
             yield Finding(
                 ("services", name, "bandwidth_kbps"),
                 f"is for the sharing held; drones.radio.sharing: {_kind(radio.sharing)} gives the "
                 "rates itself",
                 (path,),
             )
-        if not (np.min(ubits) >= 1 and np.max(ubits) <= LARGEST_UBIT):
-            yield Finding(
-                ("services", name),
-                f"volumes_ubit must be from 1 to {LARGEST_UBIT:.0e} millionths of a bit",
-            )
-    if not (volumes and elastic):
+    if not (volumes and divides):
         return
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         if math.isinf(drones.radio.bandwidth_hz(drones.bandwidth_kbps)):
@@ -258,19 +258,24 @@ def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
 
 
 def demand_knows_volumes(scenario: Scenario) -> Iterator[Finding]:
-    """Demand that asks for times, for services that ask for volumes."""
-    names = [name for name, one in scenario.services.items() if isinstance(one, Volume)]
+    """Demand that asks for times, for services that ask for volumes or have several stages."""
+    others = {
+        name: "a volume" if has_volumes(service) else "several times"
+        for name, service in scenario.services.items()
+        if not is_one_time(service)
+    }
     demand, first = scenario.demand, next(iter(scenario.services))
-    if isinstance(demand, Continuous) and first in names:
+    if isinstance(demand, Continuous) and first in others:
         yield Finding(
             ("demand",),
-            f"asks for the whole episode; the first service, {first}, asks for a volume",
+            f"asks for the whole episode; the first service, {first}, asks for {others[first]}",
             (("services",),),
         )
-    if isinstance(demand, Trace) and names:
+    if isinstance(demand, Trace) and others:
         yield Finding(
             ("demand",),
-            f"has service times (required_s); {', '.join(names)} would ask for volumes",
+            f"has service times (required_s); {', '.join(others)} would ask for "
+            f"{'volumes' if 'a volume' in others.values() else 'several times'}",
             (("services",),),
         )
 

@@ -21,7 +21,7 @@ from desim_uav.model.motion.limits import CALM
 from desim_uav.model.observations import Encoding
 from desim_uav.model.radio.radio import LinkClasses, Radio
 from desim_uav.model.rewards import Reward
-from desim_uav.model.services import PAPER, Hold, Volume
+from desim_uav.model.services import PAPER, Service
 from desim_uav.rules.observations import Position
 from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario.components import errors
@@ -190,7 +190,7 @@ class Scenario(Section):
     demand: Annotated[Demand, DEMAND] = Dynamic()
     """When users make requests, and for which services."""
     services: Annotated[
-        dict[Name, Annotated[Hold | Volume, SERVICE]], Field(min_length=1, max_length=1000)
+        dict[Name, Annotated[Service, SERVICE]], Field(min_length=1, max_length=1000)
     ] = Field(default_factory=lambda: dict(PAPER))
     """The services by name: how long a request takes and what bandwidth it occupies."""
     wind_mps: Velocity = CALM

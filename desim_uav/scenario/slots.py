@@ -16,7 +16,7 @@ from desim_uav.model.motion.motion import Motion
 from desim_uav.model.observations import Encoding
 from desim_uav.model.radio.radio import Radio
 from desim_uav.model.rewards import Reward
-from desim_uav.model.services import Hold, Volume
+from desim_uav.model.services import Service
 from desim_uav.scenario.components import Slot
 
 registry.discover(desim_uav.model, deep=True)
@@ -34,4 +34,4 @@ RADIO = Slot("radio", "disc", Radio)
 LINKS = Slot("radio", "link_classes", Radio)
 ASSOCIATION = Slot("association", "entered_first", Association, by_name=True)
 DECISIONS = Slot("decisions", "clock", Decisions, by_name=True)
-SERVICE = Slot("service", "uniform_choice", Hold | Volume)
+SERVICE = Slot("service", "uniform_choice", Service)

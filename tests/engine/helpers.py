@@ -98,7 +98,8 @@ def in_3d(buildings: list[list[float]], starts: Any, cells: Any = (3, 2), **chan
 Ask = tuple[float, ...]
 """(time or think time in s, required s, kbit/s), and the number of the service if it is not 0.
 
-Of a transfer a bit is required for each second."""
+Of a transfer a bit is required for each second. All values of a service's lists can follow, which
+then replace the time and the bandwidth."""
 Leg = tuple[float, float, float, float, float]
 """(from s, x, y, vx, vy)."""
 
@@ -124,9 +125,11 @@ def path_of(
         own = (walks or {}).get(user, [(0.0, x, y, 0.0, 0.0)])
         legs += [[t * US, *rest] for t, *rest in own]
         leg_offsets.append(len(legs))
-        for t_s, need_s, kbps, *service in (asks or {}).get(user, ()):
-            number = service[0] if service else 0
-            rows.append([round(t_s * US), number, round(need_s * US), round(kbps * 1000)])
+        for t_s, need_s, kbps, *rest in (asks or {}).get(user, ()):
+            number, *values = rest or (0,)
+            values = values or [round(need_s * US), round(kbps * 1000)]
+            values += [0] * (world.services.draws - len(values))
+            rows.append([round(t_s * US), int(number), *map(int, values)])
         row_offsets.append(len(rows))
     drones, epochs = world.scenario.drone_count, world.scenario.episode.steps + 1
     errors = None
@@ -141,7 +144,11 @@ def path_of(
     return SamplePath(
         episode,
         Walks(np.array(legs, float), np.array(leg_offsets)),
-        Requests(np.array(rows, np.int64).reshape(-1, 4), np.array(row_offsets), thinking),
+        Requests(
+            np.array(rows, np.int64).reshape(-1, 2 + world.services.draws),
+            np.array(row_offsets),
+            thinking,
+        ),
         errors,
         places,
     )
@@ -191,7 +198,7 @@ class Flight:
                 ]
             )
             self.shown.append(shown)
-        check_log(self.world, self.engine.log)
+        check_log(self.world, self.engine.log, path)
         return self.engine.log
 
     def command(self, word: str) -> int:

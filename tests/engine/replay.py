@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 from operator import itemgetter
@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 from desim_uav.engine.base import EpisodeLog, Event
 from desim_uav.model.rules import Outcome, Phase
+from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 from tests.engine.replay_links import check_links
+from tests.engine.replay_stages import Part, parts_of
 
 
 @dataclass
@@ -38,6 +40,7 @@ PHASES = {
     "charge": {Phase.ARRIVAL, Phase.COMMAND},
     "enter": {Phase.ENTRY, Phase.COVERAGE},
     "request": {Phase.REQUEST},
+    "stage": {Phase.COMPLETION, Phase.REQUEST},
     "deplete": {Phase.DEPLETION},
     "crash": {Phase.DEPLETION},
     "attach": {Phase.ATTACHMENT, Phase.COVERAGE},
@@ -65,20 +68,22 @@ def _as_read(event: Event) -> tuple[int, int, int]:
     return t_us, phase, TAKING.get(kind, 0)
 
 
-def check_log(world: World, log: EpisodeLog) -> None:
+def check_log(world: World, log: EpisodeLog, path: SamplePath | None = None) -> None:
     """Replay an episode from its events alone, in a reader's order.
 
     Every enter has its exit, attach its detach, serve its stop, and request its one complete,
     refuse or close; requests and totals are what they add up to. Where links have classes or
-    requests ask for volumes, ``replay_links`` reads the events.
+    requests ask for volumes, ``replay_links`` reads the events. Where services have several stages,
+    the sample ``path`` says which.
     """
     assert log.events is not None
     keys = [(t_us, phase, drone, user) for t_us, phase, _, drone, user, *_ in log.events]
     assert keys == sorted(keys)
-    if world.graded or world.services.in_bits.any():
-        check_links(world, log)
+    if world.graded or any(world.services.has_volumes):
+        check_links(world, log, path)
         return
-    replay = Replay(world, {r.request_id: r.bandwidth_bps for r in log.requests})
+    parts = parts_of(world, log, path)
+    replay = Replay(world, parts)
     for (t_us, phase), rows in groupby(sorted(log.events, key=_as_read), key=itemgetter(0, 1)):
         assert 0 <= t_us <= log.duration_us
         assert phase != Phase.RECORD or t_us == log.duration_us, "let go of before the end"
@@ -118,7 +123,11 @@ def check_log(world: World, log: EpisodeLog) -> None:
         )
         open_us = request.t_end_us - request.t_request_us
         assert request.served_us <= request.attached_us <= open_us
-        assert request.served_us <= request.required
+        assert request.served_us <= sum(part.amount for part in parts[number])
+        assert request.served_us == request.done + sum(
+            part.amount for part in parts[number][: request.stage]
+        )
+        assert request.required == parts[number][request.stage].amount
         assert (request.done == request.required) == (was.outcome is Outcome.COMPLETED)
 
 
@@ -136,7 +145,7 @@ def counts(world: World, log: EpisodeLog) -> Iterator[Counts]:
     assert log.events is not None
     services, drones = range(len(world.services.names)), range(world.scenario.drone_count)
     of = {request.request_id: request.service for request in log.requests}
-    replay = Replay(world, {request.request_id: request.bandwidth_bps for request in log.requests})
+    replay = Replay(world, parts_of(world, log, None))
     rows = sorted(log.events, key=_as_read)
     done = 0
     for epoch_us in range(0, log.duration_us + 1, world.step_us):
@@ -162,10 +171,11 @@ def counts(world: World, log: EpisodeLog) -> Iterator[Counts]:
 class Replay:
     """Who is covered, attached and served, as the rows of a log tell it one by one."""
 
-    def __init__(self, world: World, bandwidth_bps: Mapping[int, int]) -> None:
+    def __init__(self, world: World, parts: Sequence[Sequence[Part]]) -> None:
         users = len(world.homes)
         self.limits_bps = [world.links[number].bandwidth_hz for number in world.type_numbers]
-        self.bandwidth_bps = bandwidth_bps
+        self.parts = parts
+        self.bandwidth_bps = [own[0].bps for own in parts]
         self.covering: list[set[int]] = [set() for _ in range(users)]
         self.attached: list[tuple[int, int] | None] = [None] * users
         self.open_of: dict[int, int] = {}
@@ -204,6 +214,9 @@ class Replay:
             left = phase not in (Phase.COMPLETION, Phase.RECORD)
             assert (drone not in self.covering[user]) == left, "the exit comes before the stop"
             self._stop(t_us, drone, request_id)
+        elif kind == "stage":
+            assert request_id not in self.running, "the stop comes before the next stage"
+            self.bandwidth_bps[request_id] = self.parts[request_id][row[-1]].bps
         elif kind in ("complete", "refuse", "close"):
             assert self._holder(user) == drone
             self._close(t_us, kind, user, request_id)

@@ -16,7 +16,9 @@ from typing import Any
 
 from desim_uav.engine.base import ClosedRequest, EpisodeLog, Event
 from desim_uav.model.rules import Outcome
+from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
+from tests.engine.replay_stages import Part, parts_of
 from tests.reference.shares import hz_for, whole
 
 PING_PONG_US = 1_000_000
@@ -62,7 +64,8 @@ class Work:
     """A request as the events tell it."""
 
     logged: ClosedRequest
-    in_bits: bool
+    parts: Sequence[Part]
+    stage: int = 0
     server: int = -1
     since_us: int = 0
     rate: int = 0
@@ -71,11 +74,16 @@ class Work:
     served_us: int = 0
     ended: bool = False
 
+    @property
+    def part(self) -> Part:
+        """The present stage."""
+        return self.parts[self.stage]
+
 
 class LinkReplay:
     """Who is served, at which rate, after each instant of an episode."""
 
-    def __init__(self, world: World, log: EpisodeLog) -> None:
+    def __init__(self, world: World, log: EpisodeLog, path: SamplePath | None) -> None:
         points = world.scenario.access_points
         self.bands = [
             Band.of(drones.radio, drones.bandwidth_kbps)
@@ -84,8 +92,8 @@ class LinkReplay:
         ]
         self.bands += [Band.of(point.radio, None) for point in points]
         self.users = [Link() for _ in world.homes]
-        in_bits = world.services.in_bits.tolist()
-        self.work = [Work(request, in_bits[request.service]) for request in log.requests]
+        parts = parts_of(world, log, path)
+        self.work = [Work(*each) for each in zip(log.requests, parts, strict=True)]
         self.log, self.step_us, self.now_us = log, world.step_us, 0
         self.attached_us = self.bandwidth_us_hz = self.outage_us = 0
         self.handovers = self.ping_pongs = self.outages = 0
@@ -139,7 +147,9 @@ class LinkReplay:
             self._attach(t_us, drone, self.users[user], change)
         for (request, drone), change in sorted(servers.items(), key=itemgetter(1)):
             self._serve(t_us, drone, self.work[request], change)
-        for _, _, kind, _, user, request, *_ in rows:
+        for _, _, kind, drone, user, request, *_, stage in rows:
+            if kind == "stage":
+                _begin_stage(self.work[request], stage, drone)
             if kind in ("complete", "refuse", "close"):
                 self._close(t_us, kind, self.users[user], self.work[request])
 
@@ -183,9 +193,13 @@ class LinkReplay:
         assert (logged.request_id, logged.t_end_us) == (user.request, t_us)
         if kind == "complete":
             assert work.done >= logged.required > work.done - work.rate, "not in this microsecond"
+            assert not any(part.amount for part in work.parts[work.stage + 1 :]), "stages are left"
+        assert logged.required == work.part.amount
         assert logged.done == min(work.done, logged.required), "what was delivered adds up"
         assert logged.served_us == work.served_us
-        assert work.in_bits or work.served_us == logged.done
+        passed = work.parts[: work.stage]
+        if all(part.timed for part in (*passed, work.part)):
+            assert work.served_us == logged.done + sum(part.amount for part in passed)
         user.request, work.ended = -1, True
 
     def _share(self, t_us: int) -> None:
@@ -196,7 +210,7 @@ class LinkReplay:
             for user, work in held:
                 if work.server == d:
                     work.hz = self._needed_hz(d, user, work)
-                    work.rate = work.logged.bandwidth_bps if work.in_bits else 1
+                    work.rate = 1 if work.part.timed else work.part.bps
                     free_hz -= work.hz
             assert free_hz >= 0, f"drone {d} holds more than its bandwidth at {t_us}"
             elastic.sort(key=lambda pair: (pair[1].logged.t_request_us, pair[1].logged.user))
@@ -223,12 +237,11 @@ class LinkReplay:
                 assert work.server < 0, "served by another drone than its own"
             if work is not None and user.holder == d:
                 assert user.classes[d] > 0, "attached in class 0"
-                shares = work.in_bits and self.bands[d].sharing != "held"
-                (elastic if shares else held).append((user, work))
+                (elastic if work.part.shares else held).append((user, work))
         return held, elastic
 
     def _needed_hz(self, d: int, user: Link, work: Work) -> int:
-        return hz_for(work.logged.bandwidth_bps, self.bands[d].efficiencies[user.classes[d]])
+        return hz_for(work.part.bps, self.bands[d].efficiencies[user.classes[d]])
 
     def _check_holds(self, t_us: int, before: list[tuple[int, int]], events: list[Event]) -> None:
         """Nobody who fits waits, and who waits again was admitted after those who go on."""
@@ -267,6 +280,17 @@ class LinkReplay:
             assert sum(ends) - sum(begins) == self.outage_us
 
 
-def check_links(world: World, log: EpisodeLog) -> None:
+def _begin_stage(work: Work, stage: int, drone: int) -> None:
+    """Pass a request on to a stage: the one before is done, and those between are nothing."""
+    assert work.server == -1 and not work.ended, "the stop comes before the next stage"
+    if drone >= 0:
+        amount = work.part.amount
+        assert work.done >= amount > work.done - work.rate, "not in this microsecond"
+    passed = work.parts[work.stage + (drone >= 0) : stage]
+    assert not any(part.amount for part in passed), "a stage is left out"
+    work.stage, work.done = stage, 0
+
+
+def check_links(world: World, log: EpisodeLog, path: SamplePath | None = None) -> None:
     """Replay an episode from its events alone, and hold it against what was logged."""
-    LinkReplay(world, log).check()
+    LinkReplay(world, log, path).check()

@@ -218,10 +218,10 @@ def test_tables_have_columns_for_it():
     assert found["conflicts"].tolist() == [1]
     assert found["conflict_s"].tolist() == [log.apart.conflict_us / US]
     assert found["least_distance_m"].tolist() == [0.0]
-    rows = tables.events_table([log])
+    rows = tables.events_table([log], world)
     assert rows[rows["kind"] == "conflict"]["other"].tolist() == [1]
     plain = fly(strip([(3, 0), (5, 0)]), path_of(strip([(3, 0), (5, 0)])))
-    assert "other" not in tables.events_table([plain])
+    assert "other" not in tables.events_table([plain], world)
     assert plain.apart is None
     alone = strip(separation_m=100)
     log = fly(alone, path_of(alone))

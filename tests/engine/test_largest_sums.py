@@ -20,6 +20,7 @@ from desim_uav.model.demand.asking import Requests, RowDemand
 from desim_uav.model.energy.battery import MOST_CHARGE, RowEnergy
 from desim_uav.model.mobility import walking
 from desim_uav.model.rules import US
+from desim_uav.model.services import Stage
 from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.kernels import kernel
 from desim_uav.rowcode.rows import Table, blank, packed
@@ -248,11 +249,11 @@ class TooLong:
     duration_us: ClassVar = 2**62 + 1
     bps: ClassVar = 0
 
-    def durations_us(self) -> Any:
-        return np.array([self.duration_us], np.int64)
+    def values(self) -> Any:
+        return {"lasts": np.array([self.duration_us]), "takes": np.array([self.bps])}
 
-    def bandwidths_bps(self) -> Any:
-        return np.array([self.bps], np.int64)
+    def stages(self) -> Any:
+        return (Stage("lasts", rate="takes", timed=True),)
 
 
 @dataclass(frozen=True)
@@ -282,7 +283,10 @@ class Endless(RowEnergy):
     ("changes", "problem"),
     [
         ({"episode": {"steps": 1_000_000, "step_s": 86_400}}, r"2\^53 microseconds \(285 years\)"),
-        ({"services": {"a": {"kind": f"{HERE}:TooLong"}}}, "services.a: .*at most 2"),
+        (
+            {"services": {"a": {"kind": f"{HERE}:TooLong"}}},
+            "services.a: .*from 1 to 4,611,686,",
+        ),
         ({"services": {"a": {"kind": f"{HERE}:TooWide"}}}, "services.a: .*from 0 to 1,000,000"),
         (
             {"drones": {"battery": {"kind": f"{HERE}:Endless"}}, "stations": {"count": 1}},

@@ -29,7 +29,6 @@ from tests.verification.convergence import (
     chosen,
     inputs_of,
     numbers_of,
-    transfers_of,
     wished,
 )
 from tests.verification.freely import accepted, drawn
@@ -85,8 +84,8 @@ def case_of(seed: int) -> tuple[Case, tuple[bool, ...]]:
     cells = build_world(from_mapping(twin), seed)
     assert (cells.starts, cells.stations) == (world.starts, world.stations)
     inputs = inputs_of(twin, cells, path, ceilings)
-    transfers, space = transfers_of(twin, cells), space_of(alone, cells, ceilings)
-    return Case(world, inputs, commands, engine.log, transfers, space), free
+    space = space_of(alone, cells, ceilings)
+    return Case(world, inputs, commands, engine.log, space), free
 
 
 def sampled(seed: int, dt_s: float) -> Result:

@@ -23,13 +23,15 @@ class Request:
 
     A request without a volume is a hold of ``bandwidth_bps`` for ``required_us``. One with
     ``volume_ubit`` (whole 1e-6 bit) is a transfer. It has a rate of ``bandwidth_bps`` where
-    bandwidth is held, and elsewhere what sharing gives it.
+    bandwidth is held, and elsewhere what sharing gives it. ``then`` are the stages that follow this
+    one, whose ``due_us`` says nothing; a stage of nothing is left out.
     """
 
     due_us: int
     required_us: int
     bandwidth_bps: int
     volume_ubit: int = 0
+    then: tuple[Request, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -137,24 +139,25 @@ class Decision:
 class Closed:
     """A request that has ended.
 
-    ``served_us``: the time of service, which is the time with progress of a transfer.
+    ``served_us``: the time of service, which is the time with progress of a transfer. It and
+    ``delivered_ubit`` are those of all stages. Of its ``stages``, ``passed`` have been done, and
+    ``done`` is the share of the next one.
     """
 
     user: int
-    required_us: int
     served_us: int
-    volume_ubit: int
     delivered_ubit: int
+    done: float
+    passed: int
+    stages: int
     t_request_us: int
     t_end_us: int
     completed: bool
 
     @property
     def share(self) -> float:
-        """The share that was delivered: of the time of a hold, of the bits of a transfer."""
-        if self.volume_ubit:
-            return self.delivered_ubit / self.volume_ubit
-        return self.served_us / self.required_us
+        """The stages that were done, with the share of the last one, over all of them."""
+        return (self.passed + self.done) / self.stages
 
 
 @dataclass

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.reference.inputs import NEVER, Closed, Inputs, Result
+from tests.reference.inputs import NEVER, Closed, Inputs, Request, Result
 from tests.reference.shares import hz_for, whole
+
+
+def _amount(stage: Request) -> int:
+    """What a stage asks for."""
+    return stage.volume_ubit or stage.required_us
 
 
 class Services:
@@ -14,7 +19,9 @@ class Services:
     ``server``: the transmitter that serves a user, -1 for none. ``left``: what is still to serve,
     in 1e-6 bit of a transfer and in microseconds of a hold. ``pace``: how much of it is served in a
     microsecond, which is the rate in bit/s of a transfer and 1 for a hold. A request is held if it
-    occupies bandwidth for its own rate: a hold, or a transfer where bandwidth is held.
+    occupies bandwidth for its own rate: a hold, or a transfer where bandwidth is held. The time
+    served and what is required are those of the present stage; ``before`` has, for each user, the
+    stages that have been done, and the time and the bits of them, and ``later`` those to come.
     """
 
     def __init__(self, inputs: Inputs, result: Result) -> None:
@@ -33,6 +40,9 @@ class Services:
         self.asked_us = np.zeros(users, np.int64)
         self.admitted_us = np.zeros(users, np.int64)
         self.asked = np.zeros(users, int)
+        self.before = np.zeros((users, 3), np.int64)
+        self.stages = np.ones(users, int)
+        self.later: list[list[Request]] = [[] for _ in range(users)]
         first = [own[0].due_us if own else NEVER for own in inputs.requests]
         self.due_us = np.array(first, np.int64)
         self.changed = True
@@ -44,22 +54,55 @@ class Services:
         self.left -= np.where(served, self.pace * dt_us, 0)
 
     def complete(self, t_us: int) -> None:
-        """Close what has been served in full."""
+        """Close what has been served in full, or pass it on to its next stage."""
         done = self.open & (self.left <= 0)
         if done.any():
             for user in np.flatnonzero(done):
-                self.close(user, t_us, True)
+                if any(_amount(stage) for stage in self.later[user]):
+                    self._pass_on(user)
+                else:
+                    self.close(user, t_us, True)
+
+    def _pass_on(self, user: int) -> None:
+        """Begin the next stage that is of anything."""
+        self.before[user] += (1, *self._done(user))
+        self._begin(user)
+
+    def _begin(self, user: int) -> None:
+        """Begin the first of the stages to come, or the next that is of anything."""
+        stage = self.later[user].pop(0)
+        while _amount(stage) == 0:
+            self.before[user, 0] += 1
+            stage = self.later[user].pop(0)
+        self.server[user] = -1
+        self.served_us[user] = 0
+        self.required_us[user] = stage.required_us
+        self.volume_ubit[user] = stage.volume_ubit
+        self.left[user] = _amount(stage)
+        self.wanted_bps[user] = stage.bandwidth_bps
+        self.changed = True
+
+    def _done(self, user: int) -> tuple[int, int]:
+        """The time and the bits that have been served of the present stage, less what is beyond."""
+        served, volume = int(self.served_us[user]), int(self.volume_ubit[user])
+        if volume:
+            return served, volume - max(int(self.left[user]), 0)
+        return min(served, int(self.required_us[user])), 0
 
     def close(self, user: int, t_us: int, completed: bool) -> None:
         """Log a request, and let the user ask again if its demand waits for that."""
-        required, volume = int(self.required_us[user]), int(self.volume_ubit[user])
-        served = int(self.served_us[user])
+        served, delivered = self._done(user)
+        volume = int(self.volume_ubit[user])
+        passed, served_before, delivered_before = self.before[user].tolist()
+        if completed:
+            passed += len(self.later[user])
         closed = Closed(
             user,
-            required,
-            served if volume else min(served, required),
-            volume,
-            volume - max(int(self.left[user]), 0) if volume else 0,
+            served_before + served,
+            delivered_before + delivered,
+            delivered / volume if volume else served / int(self.required_us[user]),
+            passed,
+            int(self.stages[user]),
             int(self.asked_us[user]),
             t_us,
             completed,
@@ -90,12 +133,10 @@ class Services:
                     continue
                 self.open[user] = True
                 self.asked_us[user] = t_us
-                self.served_us[user] = 0
-                self.required_us[user] = request.required_us
-                self.volume_ubit[user] = request.volume_ubit
-                self.left[user] = request.volume_ubit or request.required_us
-                self.wanted_bps[user] = request.bandwidth_bps
-                self.changed = True
+                self.before[user] = 0
+                self.later[user] = [request, *request.then]
+                self.stages[user] = len(self.later[user])
+                self._begin(user)
 
     def allocate(self, t_us: int, holder: np.ndarray, classes: np.ndarray) -> None:
         """Let each transmitter serve those attached to it, if anything has changed."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from desim_uav.model.radio.functions import log10, slant_range_m
 from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.radio.radio import Disc
+from desim_uav.model.services import Stage
 from desim_uav.model.sharing import RowSharing
 from desim_uav.rules.sharing import Equal
 
@@ -100,8 +101,8 @@ class Uploads:
     bps: int = 1000
     kind: ClassVar = "radio_plug_ins:Uploads"
 
-    def volumes_ubit(self) -> NDArray[np.int64]:
-        return np.array([self.ubit], np.int64)
+    def values(self) -> dict[str, NDArray[np.int64]]:
+        return {"ubit": np.array([self.ubit]), "bps": np.array([self.bps])}
 
-    def bandwidths_bps(self) -> NDArray[np.int64]:
-        return np.array([self.bps], np.int64)
+    def stages(self) -> tuple[Stage, ...]:
+        return (Stage("ubit", rate="bps"),)

@@ -161,8 +161,9 @@ def test_what_a_scenario_says() -> None:
     assert (scenario.association.margin_db, scenario.association.trigger_us) == (3.0, 160_000)
     (point,) = scenario.access_points
     assert (point.at_m, point.radio.power_dbm, point.counts_in_reward) == ((3.0, 4.0), 30.0, False)
-    assert scenario.services["file"].volumes_ubit().tolist() == [8 * 10**12, 1]
-    assert scenario.services["file"].bandwidths_bps().tolist() == [0]
+    values = scenario.services["file"].values()
+    assert values["volume_mbit"].tolist() == [8 * 10**12, 1]
+    assert values["bandwidth_kbps"].tolist() == [0]
 
 
 def test_it_can_be_written_and_read_again() -> None:

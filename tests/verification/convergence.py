@@ -201,10 +201,10 @@ def inputs_of(
 
     legs = np.array(path.walks.legs, float)
     legs[:, 0] /= US
-    transfers = transfers_of(mapping, world)
+    kinds = kinds_of(mapping, world)
     requests = [
-        Request(due, 0, bps, need) if transfers[service] else Request(due, need, bps)
-        for due, service, need, bps in path.requests.rows.tolist()
+        request_of(kinds[service], due, *values)
+        for due, service, *values in path.requests.rows.tolist()
     ]
     dies = battery is None or battery.on_crash == "remove"
     return Inputs(
@@ -256,10 +256,25 @@ def energy_of(mapping: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def transfers_of(mapping: dict[str, Any], world: World) -> list[bool]:
-    """Which services ask for a volume."""
+def kinds_of(mapping: dict[str, Any], world: World) -> list[str]:
+    """The kind of each service."""
     services = mapping.get("services", {})
-    return [services.get(name, {}).get("kind") == "transfer" for name in world.services.names]
+    return [services.get(name, {}).get("kind", "hold") for name in world.services.names]
+
+
+def request_of(kind: str, due_us: int, one: int, two: int, *more: int) -> Request:
+    """What a request of a service of this kind asks for, given the values that it has drawn."""
+    if kind == "transfer":
+        return Request(due_us, 0, two, one)
+    if kind.endswith(":Exchange"):
+        return Request(due_us, 0, 0, one, (Request(0, 0, 0, two),))
+    if kind.endswith(":Survey"):
+        bit_min, confirm_us, confirm_bps = more[:3]
+        then = (Request(0, 0, 0, one * bit_min // 60), Request(0, confirm_us, confirm_bps))
+        return Request(due_us, one, two, 0, then)
+    if kind.endswith(":Rounds"):
+        return Request(due_us, one, two, 0, (Request(0, more[0], more[1]),))
+    return Request(due_us, one, two)
 
 
 def split(rows: Any, offsets: np.ndarray) -> list[Any]:
@@ -275,7 +290,6 @@ class Case:
     commands: list[list[Any]]
     """Of each step for all drones or, by event, of each drone at its decisions."""
     log: EpisodeLog
-    transfers: list[bool]
     space: free.Space | None
 
     def count(self, *kinds: str) -> int:
@@ -323,8 +337,7 @@ def flown(seed: int, mapping: dict[str, Any], episodes: int) -> list[Case]:
             commands = commands_of(engine.log, commands)
         inputs = inputs_of(mapping, world, path, ceilings)
         space = space_of(mapping, world, ceilings) if world.scenario.free else None
-        transfers = transfers_of(mapping, world)
-        cases.append(Case(world, inputs, commands, engine.log, transfers, space))
+        cases.append(Case(world, inputs, commands, engine.log, space))
     return cases
 
 
@@ -368,12 +381,16 @@ def sampled(seed: int, dt_s: float, scenarios: Scenarios | None = None) -> Resul
 def exact_measures(case: Case) -> dict[str, float]:
     """The measures of the model, from the engine's requests and attachments."""
     requests = case.log.requests
-    share = [r.done / r.required for r in requests]
+    stages = [len(own) for own in case.world.services.stages]
+    share = [
+        1.0 if r.done == r.required else (r.stage + r.done / r.required) / stages[r.service]
+        for r in requests
+    ]
     unserved = [r.t_end_us - r.t_request_us - r.served_us for r in requests]
     asked = totals(*decisions_of(case.log, case.inputs)) if case.world.by_event else {}
     return {
         "served_s": sum(r.served_us for r in requests) / US,
-        "delivered_mbit": sum(r.done for r in requests if case.transfers[r.service]) / 1e12,
+        "delivered_mbit": sum(r.sent_ubit for r in requests) / 1e12,
         "qoe1": 100.0 * float(np.mean(share)) if share else 0.0,
         "qoe2": float(np.mean(unserved)) / case.world.step_us if share else 0.0,
         "qoe3": 100.0 * case.log.attached_us / (len(case.inputs.legs) * case.world.horizon_us),

@@ -84,6 +84,7 @@ def row(request: ClosedRequest) -> tuple[Any, ...]:
             request.t_request_us,
         ),
         *(request.t_first_us, request.t_end_us, request.interruptions, request.drones),
+        *(request.stage, request.asked_us, request.asked_ubit, request.sent_ubit),
         request.outcome,
     )
 

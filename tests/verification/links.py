@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.staged import staged
 from tests.verification.convergence import DTS_S, by_event, scenario_of, slopes
 from tests.verification.figure import Figure
 
@@ -94,3 +95,11 @@ def linked_by_event(seed: int) -> dict[str, Any]:
     mapping = linked_scenario_of(seed)
     mapping["drones"]["motion"]["timing"] = "minimum_time"
     return by_event(mapping, seed)
+
+
+def staged_scenario_of(seed: int) -> dict[str, Any]:
+    """The same scenario with services of several stages, some of which are of nothing."""
+    mapping = linked_scenario_of(seed)
+    held = mapping["drones"]["radio"]["sharing"] == "held"
+    mapping["services"]["file"] = staged(held, seed)
+    return mapping

@@ -206,7 +206,7 @@ RADIO_SLOTS = (
     Slot(
         "sharing",
         RowSharing,
-        lambda links: links.radio.sharing if links.radio.sharing.elastic else None,
+        lambda links: links.radio.sharing if links.radio.sharing.divides else None,
         "sharing_values",
         (Function("divide", _divide, (Constants, State, Drone, int)),),
     ),

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from desim_uav.model.demand.asking import MOST_BPS
+from desim_uav.model.services import MOST_BPS
 from desim_uav.rules.service import MILLION
 from desim_uav.world import World
 

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.demand.asking import ManyRequests, Requests
+from desim_uav.model.demand.asking import DRAWN, ManyRequests, Requests
 from desim_uav.model.mobility.walking import ManyRowWalks, RowWalks
 from desim_uav.model.mobility.walks import Walks
 from desim_uav.rowcode.kernels import kernel
 from desim_uav.rowcode.rows import Words
 from desim_uav.rowcode.rows import place as place_of
-from desim_uav.rules.rows import Path
+from desim_uav.rules.rows import Ask, Path
 from desim_uav.sample_path import SamplePaths
 
 T = TypeVar("T")
@@ -37,8 +37,8 @@ class Section(NamedTuple):
 NOTHING = Section([], 0, 0)
 
 
-TABLES = (4, 1, 1, 1, 1, 1, 1, 1)
-"""The words of an entry of each table of a Path: a row of asks has four, other entries one."""
+TABLES = (Ask.words, 1, 1, 1, 1, 1, 1, 1, 1)
+"""The words of an entry of each table of a Path: a row of asks has two, other entries one."""
 
 
 def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
@@ -118,12 +118,12 @@ def _as_words(part: NDArray[Any]) -> Words:
 def _rows_and_sections(paths: SamplePaths) -> tuple[NDArray[np.int64], tuple[Section, ...]]:
     """Return rows of Path whose tables are still to be set, and their sections in order."""
     stepwise, legs_at, legs, streams = _walking(paths.walking)
-    asks, asks_at = _requests(paths.requests)
+    asks, drawn, asks_at = _requests(paths.requests)
     rows = np.empty((len(paths.episodes), Path.words), np.int64)
     rows[:, 0], rows[:, 1] = _after_previous(paths.requests), stepwise
     rows[:, 2] = paths.respawn.shape[2]
     respawns, keys = _block(paths.respawn), _keys(paths.link_keys)
-    return rows, (asks, asks_at, legs, legs_at, streams, respawns, _errors(paths), keys)
+    return rows, (asks, drawn, asks_at, legs, legs_at, streams, respawns, _errors(paths), keys)
 
 
 def _block(numbers: NDArray[Any]) -> Section:
@@ -166,15 +166,21 @@ def _walking(walking: Sequence[Walks | RowWalks]) -> tuple[bool, Section, Sectio
     )
 
 
-def _requests(requests: Sequence[Requests]) -> tuple[Section, Section]:
-    """Return the sections of the requests' rows and of their offsets."""
+def _requests(requests: Sequence[Requests]) -> tuple[Section, Section, Section]:
+    """Return the sections of the requests, of the values that they draw, and of their offsets."""
     if isinstance(requests, ManyRequests):
-        columns = requests.rows.shape[1]
-        begins = columns * np.array(requests.begins)
-        counts = columns * requests.offsets[:, -1]
-        return Section([requests.rows.reshape(-1)], begins, counts), _block(requests.offsets)
+        begins, counts = np.array(requests.begins), requests.offsets[:, -1]
+        asks, drawn = (
+            Section([part.reshape(-1)], part.shape[1] * begins, part.shape[1] * counts)
+            for part in (requests.rows[:, :DRAWN], requests.rows[:, DRAWN:])
+        )
+        return asks, drawn, _block(requests.offsets)
     requests = _once(requests)
-    return _listed([own.rows for own in requests]), _listed([own.offsets for own in requests])
+    return (
+        _listed([own.rows[:, :DRAWN] for own in requests]),
+        _listed([own.rows[:, DRAWN:] for own in requests]),
+        _listed([own.offsets for own in requests]),
+    )
 
 
 def _after_previous(requests: Sequence[Requests]) -> bool | list[bool]:

@@ -18,7 +18,7 @@ from desim_uav.engine.des.skies import Skies
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
 from desim_uav.engine.state import Buffers, state_of
-from desim_uav.model.demand.asking import Requests
+from desim_uav.model.demand.asking import DRAWN, Requests
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rowcode.rows import Table, blank, bound, fill
@@ -72,7 +72,7 @@ class Simulation(Engine):
         self.constants = self._constants()
         self.state = self._state()
         self.drones = self.state.drones
-        self._asks: tuple[Requests | None, Table[Any]] = (None, Table())
+        self._asks: tuple[Requests | None, Table[Any], Table[int]] = (None, Table(), Table())
         self.clock = Clock(0)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -209,8 +209,11 @@ class Simulation(Engine):
         made: Any = blank(Path)
         requests, walks = path.requests, path.walks
         if requests is not self._asks[0]:
-            self._asks = requests, Table(fill(Ask, row) for row in requests.rows.tolist())
-        made.asks, made.asks_at = self._asks[1], Table(requests.offsets.tolist())
+            asks = Table(fill(Ask, row) for row in requests.rows[:, :DRAWN].tolist())
+            drawn = Table(requests.rows[:, DRAWN:].reshape(-1).tolist())
+            self._asks = requests, asks, drawn
+        _, made.asks, made.drawn = self._asks
+        made.asks_at = Table(requests.offsets.tolist())
         made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1)
         made.legs_at = np.ascontiguousarray(walks.offsets, np.int64)
         made.link_key = np.ascontiguousarray(path.link_key).view(np.int64)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from desim_uav.errors import SimulationError
 from desim_uav.model.naming import naming
 from desim_uav.model.random.streams import Stream, Streams, begin_stream, uniform
-from desim_uav.model.services import Catalogue
+from desim_uav.model.services import Catalogue, StageRow, drawn_amount
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.compiled_registers import held, put_back
 from desim_uav.rowcode.compiled_rows import pointer_to
@@ -33,7 +33,8 @@ from desim_uav.rowcode.rows import Row, Table, Words, attach, blank, bound, fill
 from desim_uav.rowcode.views import View
 
 DUE_US, SERVICE, REQUIRED_US, BANDWIDTH_BPS = range(4)
-"""The columns of a table of requests (see ``Requests``)."""
+DRAWN = REQUIRED_US
+"""The columns of a table of requests (see ``Requests``); the drawn values begin with DRAWN."""
 
 NOTHING = -1
 """The service of a draw that is no request."""
@@ -41,16 +42,13 @@ NOTHING = -1
 NO_MORE_US = 2**60
 """The waiting time of users who make no more requests, which is longer than any episode."""
 
-MOST_REQUIRED, MOST_BPS = 2**62, 10**12
-"""The largest service time in microseconds, or volume in millionths of a bit, and the largest
-bandwidth of a request: what is done for it, and a bandwidth times the millionths of a bit/s/Hz,
-then fits in 64 bits."""
-
 
 class Requests(NamedTuple):
-    """All users' requests in one episode: rows of DUE_US SERVICE REQUIRED_US BANDWIDTH_BPS.
+    """All users' requests in one episode: rows of DUE_US SERVICE and the values that are drawn.
 
-    If a request's service asks for volumes, REQUIRED_US is in millionths of a bit.
+    There is a value for each list of the service (``services.Service.values``), in their order, and
+    0 in the columns that it does not need. Those of the built-in services are REQUIRED_US, which is
+    in millionths of a bit if the service asks for a volume, and BANDWIDTH_BPS.
 
     The rows of user u are ``offsets[u]:offsets[u + 1]``. If ``after_previous`` is true, DUE_US
     counts from the end of the user's previous request, and for the first request from the start of
@@ -90,6 +88,8 @@ class ManyRequests(Sequence[Requests]):
 class Asker(Row):
     """A user who makes requests: its number and draws so far, the time left, its present draw.
 
+    ``required_us`` and ``bandwidth_bps`` are the values of the first two lists of the service; of
+    its further lists, values are drawn when the request has been made (see ``_draw_others``).
     The askers of a demand model also have the numbers that the model remembers.
     """
 
@@ -105,29 +105,32 @@ class Asker(Row):
 
 @row
 class Offer(Row):
-    """The services: the cumulative ``shares`` of the mix, service times and bandwidths.
+    """The services: the cumulative ``shares`` of the mix, their lists of values and their stages.
 
-    Service s has ``sizes[2 * s]`` service times, from ``required[s * longest]`` on, and
-    ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, all equally likely. If
-    ``in_bits[s]``, it has volumes in millionths of a bit instead of service times. No volume is
-    delivered faster than at ``most_bps``, in bit/s; 0 if that is not known.
+    List k of service s has the number ``lists * s + k``. List number n has ``sizes[n]`` equally
+    likely values, from ``values[n * longest]`` on; a demand model may also ask for others, from
+    ``least[n]`` to ``most[n]``. The stages of service s are those from ``first_stages[s]`` on. No
+    volume is delivered faster than at ``most_bps``, in bit/s; 0 if that is not known.
     """
 
+    lists: int
     longest: int
-    widest: int
     most_bps: int
     shares: Table[float]
     sizes: Table[int]
-    required: Table[int]
-    bandwidths_bps: Table[int]
-    in_bits: Table[int]
+    values: Table[int]
+    least: Table[int]
+    most: Table[int]
+    first_stages: Table[int]
+    stages: Table[StageRow]
 
 
 @row
 class Asking(Row):
     """The draws of several episodes: where they begin, and the requests that are drawn.
 
-    ``count`` is the number of requests, which may exceed the memory for them (``most`` requests).
+    ``count`` is the number of requests, which may exceed the memory for them (``most`` requests,
+    and one more, which those beyond overwrite).
     ``lost`` is the number of the user whose draw is invalid, plus 1; 0 if there is none.
     """
 
@@ -162,7 +165,8 @@ class RowDemand:
         Write ``asker.wait_us``, ``service`` (or NOTHING), ``required_us`` and ``bandwidth_bps``
         (see ``ask_for`` and ``ask_for_mix``). ``asker.user`` is the number of the user, and
         ``asker.draws`` that of the draws before. Draw from ``stream`` only, with ``uniform`` and
-        the like from ``model.random.streams``. ``services`` is the Offer.
+        the like from ``model.random.streams``. ``services`` is the Offer. For a service with more
+        than two lists of values, the last draws of a request are those of its third list and on.
         """
         raise NotImplementedError
 
@@ -192,12 +196,21 @@ def from_now(demand: Any, now_us: int) -> Any:
 
 @rule
 def ask_for(asker: Asker, stream: Stream, services: Offer, service: int) -> None:
-    """Let a user ask for a service, for one of its service times and with one of its bandwidths."""
+    """Let a user ask for a service, for one of its service times and with one of its bandwidths.
+
+    In general these are values of its first two lists.
+    """
     asker.service = service
-    k = int(uniform(stream) * services.sizes[2 * service])
-    asker.required_us = services.required[service * services.longest + k]
-    k = int(uniform(stream) * services.sizes[2 * service + 1])
-    asker.bandwidth_bps = services.bandwidths_bps[service * services.widest + k]
+    asker.required_us = _value(stream, services, services.lists * service)
+    asker.bandwidth_bps = _value(stream, services, services.lists * service + 1)
+
+
+@rule
+def _value(stream: Stream, services: Offer, number: int) -> int:
+    """Draw one of the values of a list."""
+    k = int(uniform(stream) * services.sizes[number])
+    value: int = services.values[services.longest * number + k]
+    return value
 
 
 @rule
@@ -232,6 +245,7 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
 
     def ask(demand: Any, asking: Asking, asker: Asker, services: Offer) -> None:
         rows, count, most = asking.rows, asking.count, asking.most
+        width = DRAWN + services.lists
         due_us = idle = 0
         asker.left_us = asking.horizon_us
         while True:
@@ -245,14 +259,18 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
                 break
             due_us += passed_us
             if asker.service >= 0:
-                if count < most:
-                    first = 4 * count
-                    rows[first + DUE_US], rows[first + SERVICE] = due_us, asker.service
-                    rows[first + REQUIRED_US] = asker.required_us
-                    rows[first + BANDWIDTH_BPS] = asker.bandwidth_bps
+                first = width * min(count, most)
+                rows[first + DUE_US], rows[first + SERVICE] = due_us, asker.service
+                rows[first + REQUIRED_US] = asker.required_us
+                rows[first + BANDWIDTH_BPS] = asker.bandwidth_bps
+                _draw_others(asker, services, rows, first)
+                least_us = _least_us(asker, services, rows, first + DRAWN)
+                if least_us < 0:
+                    asking.lost = 1
+                    break
                 count += 1
                 if follow:
-                    passed_us += _least_us(asker, services)
+                    passed_us += least_us
                     due_us = 0
             asker.left_us -= passed_us
             idle = 0 if passed_us > 0 else idle + 1
@@ -262,11 +280,31 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
 
 
 @rule
-def _least_us(asker: Asker, services: Offer) -> int:
-    """Return the least time in which a request can be served; millionths of a bit are bit/s µs."""
-    if not services.in_bits[asker.service]:
-        return int(asker.required_us)
-    return int(asker.required_us // services.most_bps) if services.most_bps > 0 else 0
+def _draw_others(asker: Asker, services: Offer, rows: Table[int], first: int) -> None:
+    """Draw the values of a request beyond the first two, in the order of its lists."""
+    for k in range(2, services.lists):
+        number, value = services.lists * asker.service + k, 0
+        if services.sizes[number] > 0:
+            value = _value(asker.stream, services, number)
+        rows[first + DRAWN + k] = value
+
+
+@rule
+def _least_us(asker: Asker, services: Offer, values: Table[int], first: int) -> int:
+    """Return the least time in which a request can be served, or -1 if it asks for nothing.
+
+    Its values are those from number ``first`` on. Millionths of a bit are bit/s µs.
+    """
+    least_us, some = 0, False
+    for k in range(services.first_stages[asker.service], services.first_stages[asker.service + 1]):
+        stage = services.stages[k]
+        amount = drawn_amount(stage, values, first)
+        some |= amount > 0
+        if stage.timed:
+            least_us += amount
+        elif services.most_bps > 0:
+            least_us += amount // services.most_bps
+    return least_us if some else -1
 
 
 @rule
@@ -274,8 +312,10 @@ def _is_sound(asker: Asker, services: Offer) -> Any:
     """Return whether a draw is a request for an existing service, or for nothing."""
     nothing = (asker.service == NOTHING) & (asker.wait_us >= 0)
     exists = (asker.service >= 0) & (asker.service < len(services.shares))
-    request = exists & (asker.required_us > 0) & (asker.bandwidth_bps >= 0)
-    request &= (asker.required_us <= MOST_REQUIRED) & (asker.bandwidth_bps <= MOST_BPS)
+    one = services.lists * asker.service if exists else 0
+    request = exists & (asker.required_us >= services.least[one])
+    request &= (asker.bandwidth_bps >= 0) & (asker.required_us <= services.most[one])
+    request &= asker.bandwidth_bps <= services.most[one + 1]
     return nothing | (request & (asker.wait_us >= 0))
 
 
@@ -358,11 +398,12 @@ class RowDraws:
     @cached_property
     def _offer(self) -> Offer:
         own = self.services
-        (_, longest), (_, widest) = own.required.shape, own.bandwidths_bps.shape
-        in_bits = own.in_bits.astype(np.int64)
-        arrays = (own.share, own.sizes, own.required, own.bandwidths_bps, in_bits)
+        _, lists, longest = own.values.shape
+        arrays = (own.share, own.sizes, own.values, own.least, own.most)
         tables = (Table(array.reshape(-1).tolist()) for array in arrays)
-        return fill(Offer, (longest, widest, self.most_bps, *tables))
+        stages = Table(fill(StageRow, stage) for service in own.stages for stage in service)
+        numbers = (lists, longest, self.most_bps)
+        return fill(Offer, (*numbers, *tables, Table(own.first_stages), stages))
 
     @cached_property
     def _packed_offer(self) -> Words:
@@ -377,7 +418,7 @@ class RowDraws:
         most = episodes * users * 16
         offsets = np.zeros((episodes, users + 1), np.int64)
         while True:
-            rows = np.empty((most, 4), np.int64)
+            rows = np.empty((most + 1, DRAWN + self.services.draws), np.int64)
             asking = self._draw(states, offsets, rows)
             if asking.lost:
                 raise SimulationError(f"demand: {kind_of(self.demand)!r}: {_what_is_wrong(asking)}")
@@ -394,7 +435,7 @@ class RowDraws:
         asking: Any
         if made is None:
             asking = blank(cls)
-            asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows)
+            asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows) - 1
             asking.states = Table(states.reshape(-1).tolist())
             asking.offsets, asking.rows = offsets.reshape(-1), rows.reshape(-1)
             demand, owner = over_rows(self.demand, self.services.names), owner_of(model)
@@ -405,7 +446,7 @@ class RowDraws:
             return asking
         block, states = np.zeros(cls.words, np.int64), np.ascontiguousarray(states)
         asking = View(block, cls)
-        asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows)
+        asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows) - 1
         for name, array in (("states", states), ("offsets", offsets), ("rows", rows)):
             attach(block, cls, name, array)
         values, offer = made.values, self._packed_offer

@@ -13,11 +13,11 @@ from annotated_types import Ge, Le
 from desim_uav.errors import SimulationError, did_you_mean
 from desim_uav.model.demand.asking import (
     BANDWIDTH_BPS,
+    DRAWN,
     DUE_US,
-    MOST_BPS,
-    MOST_REQUIRED,
     NO_MORE_US,
     REQUIRED_US,
+    SERVICE,
     Asker,
     Offer,
     Requests,
@@ -33,7 +33,7 @@ from desim_uav.model.random.streams import (
     seed_of_each,
 )
 from desim_uav.model.rules import US
-from desim_uav.model.services import Catalogue
+from desim_uav.model.services import MOST_REQUIRED, Catalogue
 from desim_uav.model.traces import LARGEST, index, quantity, read_table
 from desim_uav.registry import register
 from desim_uav.rowcode.components import kind_of
@@ -307,26 +307,50 @@ def requests_of(
     own = zip(seed_of_each(seeds, episodes), episodes, strict=True)
     streams = [Streams(seed, Purpose.DEMAND, episode) for seed, episode in own]
     return [
-        _counted(demand, demand.requests(users, services, each, horizon_us)) for each in streams
+        _counted(demand, demand.requests(users, services, each, horizon_us), services)
+        for each in streams
     ]
 
 
-def _counted(demand: Demand, requests: Requests) -> Requests:
-    """Return these requests. Raises SimulationError if sums of their numbers need over 64 bits."""
-    for column, (name, least, most) in LIMITS.items():
-        values = requests.rows[:, column]
+def _counted(demand: Demand, requests: Requests, services: Catalogue) -> Requests:
+    """Return these requests, with a column for each value that a request can draw.
+
+    Raises SimulationError if sums of their numbers need over 64 bits, or if nothing is asked for.
+    """
+    lacking = DRAWN + services.draws - requests.rows.shape[1]
+    rows = np.pad(requests.rows, ((0, 0), (0, max(lacking, 0))))
+    asked = np.clip(rows[:, SERVICE], 0, len(services.names) - 1)
+    limits = {DUE_US: (0, MOST_REQUIRED)} | {
+        DRAWN + k: (services.least[asked, k], services.most[asked, k])
+        for k in range(services.draws)
+    }
+    for column, (least, most) in limits.items():
+        values = rows[:, column]
         wrong = np.flatnonzero((values < least) | (values > most))
         if len(wrong):
+            low, high = (np.broadcast_to(limit, len(rows))[wrong[0]] for limit in (least, most))
+            name = COLUMNS.get(column, f"its number {column}")
             raise SimulationError(
                 f"demand: {kind_of(demand)!r}: request {wrong[0]}: {name} is {values[wrong[0]]}, "
-                f"which must be from {least} to {most}"
+                f"which must be from {low} to {high}"
             )
-    return requests
+    for number, stages in enumerate(services.stages):
+        own = rows[rows[:, SERVICE] == number, DRAWN:]
+        amounts = [
+            own[:, amount] * (own[:, times] if times >= 0 else 1) // per
+            for _, _, amount, times, per, _ in stages
+        ]
+        if len(own) and np.max(amounts, axis=0).min() < 1:
+            raise SimulationError(
+                f"demand: {kind_of(demand)!r}: a request for {services.names[number]!r} asks for "
+                "nothing in any stage"
+            )
+    return requests._replace(rows=rows)
 
 
-LIMITS = {
-    DUE_US: ("its time in µs", 0, MOST_REQUIRED),
-    REQUIRED_US: ("what it requires, in µs or millionths of a bit,", 1, MOST_REQUIRED),
-    BANDWIDTH_BPS: ("its bandwidth in bit/s", 0, MOST_BPS),
+COLUMNS = {
+    DUE_US: "its time in µs",
+    REQUIRED_US: "what it requires, in µs or millionths of a bit,",
+    BANDWIDTH_BPS: "its bandwidth in bit/s",
 }
-"""The range of each column of a table of requests, by its number."""
+"""What the first columns of a table of requests hold, by their numbers."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.saved import Rows, SavedState
-from desim_uav.model.demand.asking import DUE_US, Requests, from_now
+from desim_uav.model.demand.asking import DRAWN, DUE_US, Requests, from_now
 from desim_uav.model.geometry.coverage import T0_US, all_walked
 from desim_uav.model.mobility.walking import RowWalks, from_here
 from desim_uav.model.mobility.walks import Walks
@@ -88,7 +88,8 @@ class _Draws:
         """
         demand, users = self.world.scenario.demand, len(self.world.homes)
         if not getattr(demand, "draws", True):
-            return Requests(np.zeros((0, 4), np.int64), np.zeros(users + 1, np.int64), True)
+            none = np.zeros((0, DRAWN + self.world.services.draws), np.int64)
+            return Requests(none, np.zeros(users + 1, np.int64), True)
         streams = self._streams(REQUESTS)
         onward = from_now(demand, self.step * self.world.step_us)
         drawn = onward.requests(users, self.world.services, streams, self.world.horizon_us)

@@ -32,9 +32,9 @@ TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
 
 OF_LINKS = {"class", "handover", "ping_pong", "outage", "outage_end"}
 OF_PAIRS = {"conflict", "clear"}
-NAMES_DRONE = ({*KINDS[6:]} | {"serve", "stop"}) - {"outage", "outage_end"}
-NAMES_USER = {*KINDS[:10]} | OF_LINKS
-NAMES_REQUEST = {*KINDS[:6]}
+NAMES_DRONE = ({*KINDS[6:]} | {"serve", "stop"}) - {"outage", "outage_end", "stage"}
+NAMES_USER = {*KINDS[:10], "stage"} | OF_LINKS
+NAMES_REQUEST = {*KINDS[:6], "stage"}
 NAMES_STATION = {"land", "charge", "charged", "respawn"}
 
 

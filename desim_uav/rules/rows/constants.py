@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from desim_uav.model.services import StageRow
 from desim_uav.rowcode.rows import Row, Table, row
 from desim_uav.rules.rows.flights import Cell, Hop, Move, Place, Plan, SpaceRow
 from desim_uav.sky.rows import Change, Scene, TransitRow
@@ -87,9 +88,9 @@ class Constants(Row):
     ``Move.transit`` and ``first_hop`` are as if the first type came first of those that fly from
     cell to cell. Types that fly freely have no moves, and do not use them. ``radios`` are those of
     the types of drones, and then those of the access points ``points``. Rewards divide users among
-    ``sharers``: the drones, and the access points that count. By service, ``in_bits`` says that
-    requests ask for a volume instead of a time, and ``elastic`` that they share what bandwidth is
-    left. ``expected_requests`` is the number of requests of an episode if all are served at once
+    ``sharers``: the drones, and the access points that count. The stages of service s are
+    ``stages`` from number ``first_stages[s]`` on; a request draws ``draws`` values for them.
+    ``expected_requests`` is the number of requests of an episode if all are served at once
     (see ``scenario.cost``). Senders of the same index modulo ``reuse`` interfere (0: none do).
     ``in_air`` says that changes of class are not always those of rings. For ``trigger_us`` and
     ``margin_db`` see ``rules.association``. ``known`` holds changes of users who stand still
@@ -143,8 +144,9 @@ class Constants(Row):
     homes: Table[Place]
     radios: Table[Radio]
     points: Table[Point]
-    in_bits: Table[int]
-    elastic: Table[int]
+    draws: int
+    first_stages: Table[int]
+    stages: Table[StageRow]
     expected_requests: float
     reward_values: int
     observation_values: int

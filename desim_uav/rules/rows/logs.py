@@ -68,6 +68,7 @@ class Event(Row):
     """An entry of the event log, which is an event or a leg (see ``note_leg``).
 
     An event of two drones (``words.OF_PAIRS``) has the other one in the place of ``user``.
+    The beginning of a stage has its number in the place of ``station``.
     ``link_class`` is the new class of the link between ``drone`` and ``user``, if that has changed.
     """
 
@@ -88,6 +89,7 @@ class Closed(Row):
     number: int
     user: int
     service: int
+    stage: int
     bandwidth_bps: int
     required: int
     done: int
@@ -97,6 +99,9 @@ class Closed(Row):
     t_first_us: int
     t_end_us: int
     interruptions: int
+    asked_us: int
+    asked_ubit: int
+    sent_ubit: int
 
 
 @row

@@ -7,22 +7,18 @@ from desim_uav.rowcode.rows import Row, Table, row
 
 @row
 class Ask(Row):
-    """A request to come; ``due_us`` is its time or a think time (see ``demand.Requests``).
-
-    ``required`` is a service time in microseconds, or a volume in millionths of a bit.
-    """
+    """A request to come; ``due_us`` is its time or a think time (see ``demand.Requests``)."""
 
     due_us: int
     service: int
-    required: int
-    bandwidth_bps: int
 
 
 @row
 class Path(Row):
     """The sample path of an episode (see ``SamplePath``).
 
-    ``asks`` and ``legs`` (five numbers each) are ordered by user. If users walk ``stepwise``, the
+    ``asks``, the values that each of them has ``drawn`` (``Constants.draws`` numbers each) and
+    ``legs`` (five numbers each) are ordered by user. If users walk ``stepwise``, the
     compiled engine has the initial states of their random streams (four words each) instead of
     legs. ``respawns`` holds ``respawns_drawn`` stations per drone, and ``errors`` the position
     errors in x and y, in cells, per drone and decision epoch, or nothing without noise.
@@ -34,6 +30,7 @@ class Path(Row):
     stepwise: int
     respawns_drawn: int
     asks: Table[Ask]
+    drawn: Table[int]
     asks_at: Table[int]
     legs: Table[float]
     legs_at: Table[int]

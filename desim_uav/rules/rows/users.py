@@ -9,14 +9,16 @@ from desim_uav.rowcode.rows import Row, Table, row
 class Request(Row):
     """The open request of a user; ``number`` is -1 if there is none.
 
-    It has to be served until ``done`` is ``required``. Both are microseconds of service or, if the
-    request is ``in_bits``, millionths of a bit; ``rate`` of them are done per microsecond (bit/s,
-    or 1). Drone ``server`` has served it since ``started_us``, at this rate and with a bandwidth of
-    ``used_hz`` since ``counted_us``. A request for the rate ``bandwidth_bps`` that is not
-    ``elastic`` needs a bandwidth of ``needs_hz`` in its present class. ``credited`` of it have been
-    counted in ``rules.credit``. Of its services that lasted
-    more than 0 µs, the first began at ``t_first_us``; the last was by ``last_server`` and ended at
-    ``stopped_us``.
+    It is in its stage number ``stage`` of ``stages``, which has to be served until ``done`` is
+    ``required``. Both are microseconds of service or millionths of a bit; ``rate`` of them are done
+    per microsecond (1, or bit/s) while drone ``server`` serves it, which it has done since
+    ``started_us``, at this rate and with a bandwidth of ``used_hz`` since ``counted_us``. While it
+    is ``queued``, it stands in the line number ``line`` of its user's drone (see
+    ``model.services``). One that holds the rate ``bandwidth_bps`` needs a bandwidth of ``needs_hz``
+    in its present class. ``credited`` of the stage have been counted in ``rules.credit``. Of its
+    services that lasted more than 0 µs, the first began at ``t_first_us``; the last was by
+    ``last_server`` and ended at ``stopped_us``. ``drawn`` has the values that it has drawn for its
+    stages, if any service of the scenario has several.
     """
 
     number: int
@@ -26,8 +28,10 @@ class Request(Row):
     required: int
     done: int
     rate: int
-    in_bits: int
-    elastic: int
+    stage: int
+    stages: int
+    line: int
+    queued: int
     bandwidth_bps: int
     needs_hz: int
     used_hz: int
@@ -41,6 +45,7 @@ class Request(Row):
     stopped_us: int
     last_server: int
     credited: int
+    drawn: Table[int]
 
 
 @row

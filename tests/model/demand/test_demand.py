@@ -275,9 +275,9 @@ class TestCatalogue:
         assert found.share[-1] == 1.0
         for service, (minutes, kbps) in enumerate(TABLE):
             assert found.sizes[service].tolist() == [len(minutes), len(kbps)]
-            lasts = found.required[service, : len(minutes)]
+            lasts = found.values[service, 0, : len(minutes)]
             assert lasts.tolist() == [m * 60 * US for m in minutes]
-            takes = found.bandwidths_bps[service, : len(kbps)]
+            takes = found.values[service, 1, : len(kbps)]
             assert takes.tolist() == [k * 1000 for k in kbps]
 
     def test_every_share_can_be_reached_and_none_beyond(self):
@@ -287,6 +287,6 @@ class TestCatalogue:
         assert found.share[1:].tolist() == [1.0, 1.0]
 
     def test_parts_of_a_minute(self):
-        service = UniformChoice((0.5, 1e-7), (0.5,))
-        assert service.durations_us().tolist() == [30 * US, 6]
-        assert service.bandwidths_bps().tolist() == [500]
+        values = UniformChoice((0.5, 1e-7), (0.5,)).values()
+        assert values["duration_min"].tolist() == [30 * US, 6]
+        assert values["bandwidth_kbps"].tolist() == [500]

@@ -234,6 +234,7 @@ const TOLD = {
   serve: (e) => `${e.sender} serves user ${e.user}, request ${e.request}`,
   stop: (e) => `${e.sender} stops serving user ${e.user}`,
   complete: (e) => `request ${e.request} of user ${e.user} is completed`,
+  stage: (e) => `request ${e.request} of user ${e.user} begins its next stage`,
   refuse: (e) => `request ${e.request} of user ${e.user} is refused`,
   close: (e) => `request ${e.request} of user ${e.user} is closed`,
   enter: (e) => `user ${e.user} enters the footprint of ${e.sender}${e.link}`,

@@ -1,0 +1,125 @@
+"""The stages of requests: how they follow each other, and where a request stands meanwhile.
+
+A request needs an amount in each of its stages, one after the other (see ``model.services.Stage``).
+What it has in its present stage (``required``, ``done``, ``rate``, …) begins anew with each one. A
+stage stands in a line of the drone to which its user is attached: in ``waiting`` until the rate
+that it holds is admitted, or in ``sharing`` until it ends.
+"""
+
+from __future__ import annotations
+
+from desim_uav.model.services import SHARING, drawn_amount
+from desim_uav.rowcode.kernels import rule
+from desim_uav.rowcode.rows import Queue, Table
+from desim_uav.rules.rows import Closed, Constants, Drone, Path, Request, State, User
+
+
+@rule
+def draw_values(world: Constants, path: Path, request: Request, number: int) -> bool:
+    """Begin the first stage of a request, which has the number ``number`` in the sample path.
+
+    The values for its later stages are kept, for the path of a planner has others.
+    """
+    first = number * world.draws
+    for k in range(len(request.drawn)):
+        request.drawn[k] = path.drawn[first + k]
+    request.stages = world.first_stages[request.service + 1] - world.first_stages[request.service]
+    return _begin_stage(world, request, path.drawn, first, 0)
+
+
+@rule
+def next_stage(world: Constants, request: Request) -> bool:
+    """Pass a request on to its next stage; return False if there is none."""
+    following = request.stage + 1
+    if following < request.stages:
+        return _begin_stage(world, request, request.drawn, 0, following)
+    return False
+
+
+@rule
+def _begin_stage(
+    world: Constants, request: Request, values: Table[int], first: int, following: int
+) -> bool:
+    """Begin the first stage from number ``following`` on whose amount is above 0, if there is one.
+
+    If there is none, the stage that has been done is the request's last one.
+    """
+    for k in range(following, request.stages):
+        stage = world.stages[world.first_stages[request.service] + k]
+        amount = drawn_amount(stage, values, first)
+        if amount > 0:
+            request.stage, request.line = k, stage.line
+            request.required, request.done, request.credited = amount, 0, 0
+            request.bandwidth_bps = values[first + stage.rate] if stage.rate >= 0 else 0
+            request.rate = 1 if stage.timed else request.bandwidth_bps
+            return True
+    request.stages = request.stage + 1
+    return False
+
+
+@rule
+def progress(request: Request, done: int) -> float:
+    """Return the progress of a request: the stages done, and the share of this one, over all.
+
+    ``done`` is what has been done in the present stage. Numbers with a point are divided, because
+    Python and compiled code divide whole numbers of more than 53 bits differently.
+    """
+    share = float(done) / float(request.required)
+    return (float(request.stage) + share) / float(request.stages)
+
+
+@rule
+def count_amounts(world: Constants, request: Request, closed: Closed) -> None:
+    """Write what a request needed in all of its stages, and what volume it has got, into the log.
+
+    They are sums over the stages that are measured in time, and over those in bits.
+    """
+    closed.asked_us = closed.asked_ubit = closed.sent_ubit = 0
+    for k in range(request.stages):
+        stage = world.stages[world.first_stages[request.service] + k]
+        amount = request.required
+        if k != request.stage:
+            amount = drawn_amount(stage, request.drawn, 0)
+        if stage.timed:
+            closed.asked_us += amount
+        else:
+            closed.asked_ubit += amount
+            if k < request.stage:
+                closed.sent_ubit += amount
+            elif k == request.stage:
+                closed.sent_ubit += request.done
+
+
+@rule
+def join(state: State, drone: Drone, user: User) -> None:
+    """Let a user's request stand in the line of a drone that its stage needs."""
+    user.request.queued = 1
+    if user.request.line == SHARING:
+        _insert(state, drone.sharing, user)
+    else:
+        _insert(state, drone.waiting, user)
+
+
+@rule
+def leave(drone: Drone, user: User) -> None:
+    """Remove a user's request from the line of a drone if it stands there."""
+    if user.request.queued:
+        user.request.queued = 0
+        if user.request.line == SHARING:
+            drone.sharing.remove(user.index)
+        else:
+            drone.waiting.remove(user.index)
+
+
+@rule
+def _insert(state: State, queue: Queue[int], user: User) -> None:
+    """Insert a user into a queue that is ordered by the time of requests, then by user."""
+    asked_us, place = user.request.t_request_us, len(queue)
+    while place > 0:
+        before = state.users[queue[place - 1]].request
+        if before.t_request_us < asked_us:
+            break
+        if before.t_request_us == asked_us and before.user < user.index:
+            break
+        place -= 1
+    queue.insert(place, user.index)
