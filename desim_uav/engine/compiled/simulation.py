@@ -51,6 +51,7 @@ class BatchSimulation(Engine):
     differently.
     """
 
+    name = "batch"
     path: Words
     memory: Words
 
