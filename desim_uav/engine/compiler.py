@@ -49,6 +49,7 @@ def compile_for(scenario: Any, world_seed: int) -> None:
 def _be_humble() -> None:
     """Let all others go first, and end after some time."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGALRM])
     signal.alarm(MOST_S)
     with suppress(OSError):
         os.nice(NICE)
