@@ -5,6 +5,7 @@ A shell's background jobs, tests too, ignore Ctrl-C.
 
 from __future__ import annotations
 
+import os
 import signal
 from pathlib import Path
 
@@ -15,6 +16,8 @@ HERE = Path(__file__).parent
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+os.environ.setdefault("DESIM_UAV_COMPILE_AHEAD", "0")  # no test starts a compiler unless it asks
 
 
 @pytest.hookimpl(optionalhook=True)

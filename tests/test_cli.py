@@ -603,13 +603,19 @@ class TestEngine:
             assert Path("des", name).read_bytes() == Path("batch", name).read_bytes(), name
         one, other = (json.loads(Path(e, "manifest.json").read_text()) for e in ("des", "batch"))
         differ = {key for key in one | other if one[key] != other[key]}
-        assert differ == {"engine", "command", "started", "finished"}
+        assert differ == {"engine", "played_by", "command", "started", "finished"}
         assert (one["engine"], other["engine"]) == ("des", "batch")
+        assert (one["played_by"], other["played_by"]) == ({"des": 2}, {"batch": 2})
 
-    def test_is_simpy_unless_told(self, cli_run, monkeypatch):
-        monkeypatch.setattr(BatchSimulation, "__init__", lambda *_: pytest.fail("compiled"))
-        assert cli_run("run", "tiny", "--out", "mine", "-q").code == 0
-        assert json.loads(Path("mine/manifest.json").read_text())["engine"] == "des"
+    def test_simpy_runs_what_is_not_compiled_unless_an_engine_is_named(self, cli_run):
+        own = ("-S", "drones.admission={kind: 'tests.engine.helpers:Loss'}")
+        ended = cli_run("run", "case8", *SMALL, *own, "--out", "mine", "-q")
+        assert (ended.code, ended.err.count("\n")) == (0, 1)
+        assert (
+            "the SimPy engine (des) is used, which is slower: drones.admission: 'Loss'" in ended.err
+        )
+        manifest = json.loads(Path("mine/manifest.json").read_text())
+        assert (manifest["engine"], manifest["played_by"]) == ("auto", {"des": 1})
 
     def test_a_component_without_a_kernel(self, cli_run):
         own = ("-S", "drones.admission={kind: 'plugged:Interrupting'}")
@@ -638,8 +644,8 @@ class TestEngine:
     )
     def test_there_is_no_such_engine(self, cli_run, command):
         ended = cli_run(*command, "--engine", "bathc")
-        ended.failed(2, "--engine: 'bathc' (did you mean 'batch'?); allowed: des, batch")
-        cli_run(*command, "--engine", "").failed(2, "--engine: ''; allowed: des, batch")
+        ended.failed(2, "--engine: 'bathc' (did you mean 'batch'?); allowed: auto, des, batch")
+        cli_run(*command, "--engine", "").failed(2, "--engine: ''; allowed: auto, des, batch")
         assert list(Path.cwd().iterdir()) == []
 
 

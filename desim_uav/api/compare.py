@@ -38,7 +38,7 @@ def compare(
     jobs: Jobs = 1,
     against: str | None = None,
     out: str | Path | None = None,
-    engine: Engine = "des",
+    engine: Engine = "auto",
     progress: bool = True,
 ) -> Comparison:
     """Compare policies on common seeds: means, 95 % intervals and paired differences.
@@ -65,7 +65,8 @@ def compare(
         against: The policy that the others are compared with. By default it is the first.
         out: A file for the values of each policy and seed.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
-            the same.
+            the same. With auto, SimPy begins if batch has yet to be compiled, which another
+            process does meanwhile, and batch takes over at a later episode.
         progress: Show the progress, on a terminal or in a notebook.
 
     Raises:

@@ -27,7 +27,7 @@ def counterfactual(
     episodes: Episodes = 1,
     warmup: Warmup = 0,
     out: str | Path | bool | None = None,
-    engine: Engine = "des",
+    engine: Engine = "auto",
     progress: bool = True,
 ) -> Counterfactual:
     """Run a policy, and let another one go on from one of its decision epochs: what if?
@@ -49,7 +49,7 @@ def counterfactual(
         episodes: Episodes that count; at least as many that the episode of the fork is among them.
         warmup: Episodes before them that count in no measure.
         out: A folder for both branches, or True for the one that the command line would choose.
-        engine: ``"des"`` or ``"batch"``: their numbers are the same.
+        engine: ``"des"``, ``"batch"`` or ``"auto"``, as in ``run``: their numbers are the same.
         progress: Show the progress.
 
     Raises:

@@ -23,14 +23,13 @@ def verb(function: F) -> F:
 
 
 def _engines() -> Iterable[str]:
-    from desim_uav.engine.choose import ENGINES
+    from desim_uav.engine.choose import CHOICES
 
-    return ENGINES
+    return CHOICES
 
 
 ENGINES = OneOf(_engines)
 Engine = Annotated[str, ENGINES]
-EngineIfAny = Engine | None
 Seed = Annotated[int | None, Within(0, LAST_SEED)]
 Seeds = Annotated[int, Within(1, MOST_SEEDS)]
 FirstSeed = Annotated[int, Within(0, LAST_FIRST_SEED)]

@@ -38,7 +38,7 @@ def run(
     warmup: Warmup = 0,
     events: bool = False,
     out: str | Path | bool | None = None,
-    engine: Engine = "des",
+    engine: Engine = "auto",
     resume: bool = False,
     progress: bool = True,
 ) -> RunResult:
@@ -76,7 +76,8 @@ def run(
             long run needs little memory, if this is a folder, or True for the one that the command
             line would choose; with ``seeds``, a folder per seed is made in it.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
-            the same.
+            the same. With auto, SimPy begins if batch has yet to be compiled, which another
+            process does meanwhile, and batch takes over at a later episode.
         resume: Continue the interrupted run in --out, or the last one of this name in runs/. The
             result is that of an uninterrupted run. In Python, ``out`` says which run is continued,
             as well if it had fewer episodes; True means the last interrupted run of this name. With

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from desim_uav.api.parameters import (
     Engine,
-    EngineIfAny,
     Episodes,
     FirstSeed,
     Jobs,
@@ -61,7 +60,7 @@ def sweep(
     resume: bool = False,
     backend: Annotated[str, OneOf(_backends)] = "local",
     address: str | None = None,
-    engine: EngineIfAny = None,
+    engine: Engine = "auto",
     progress: bool = True,
 ) -> Done:
     """Run or train policies for every combination of values of some keys, on common seeds.
@@ -92,7 +91,9 @@ def sweep(
         address: The address of the Ray cluster: auto, or HOST:PORT. By default a cluster is
             started on this machine.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
-            the same. By default it is batch, if it can run the scenario.
+            the same. With auto, SimPy begins if batch has yet to be compiled, which another
+            process does meanwhile, and batch takes over at a later episode. What is trained waits
+            for batch.
         progress: Show the progress.
 
     Raises:
@@ -155,7 +156,7 @@ def reproduce(
     preset: Annotated[str, OneOf(lambda: PRESETS)] = "default",
     jobs: Jobs = 1,
     out: str | Path = "runs/reproduce",
-    engine: Engine = "batch",
+    engine: Engine = "auto",
     progress: bool = True,
 ) -> Report:
     """Train and evaluate in the paper's nine cases, and compare with the numbers in the paper.
@@ -172,7 +173,7 @@ def reproduce(
         jobs: The number of jobs at a time, each in a process of its own.
         out: The folder for jobs, policies and tables. Jobs that it holds are not run again.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
-            the same.
+            the same. With auto, it is batch.
         progress: Show the progress.
 
     Raises:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.api.parameters import EngineIfAny, Seed, TrainingEpisodes, verb
+from desim_uav.api.parameters import Engine, Seed, TrainingEpisodes, verb
 from desim_uav.errors import Interrupted, UsageError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def train(
     out: str | Path | bool | None = None,
     resume: bool = False,
     checkpoint_every: TrainingEpisodes = 500,
-    engine: EngineIfAny = None,
+    engine: Engine = "auto",
     callback: Callback | Sequence[Callback] = (),
     callback_every: TrainingEpisodes = 100,
     progress: bool = True,
@@ -53,7 +53,7 @@ def train(
         resume: Continue from the checkpoint of the folder, if it has one.
         checkpoint_every: The number of episodes between two checkpoints.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
-            the same. By default it is batch, if it can run the scenario.
+            the same. With auto, it is batch, if that can run the scenario.
         callback: Called with a ``TrainingProgress`` after each ``callback_every`` episodes and
             after the last; or several such functions. It ends the training by returning False or
             raising ``StopTraining``, and what has been learned is kept. Any other exception ends

@@ -77,7 +77,7 @@ LOOKS: dict[str, Look] = {
     "policies": POLICIES,
     "algorithm": Look("A", MAKING),
     "algorithms": POLICIES._replace(metavar="A,B…", flags=("--algorithm",)),
-    "engine": Look("des|batch", MAKING),
+    "engine": Look("auto|des|batch", MAKING),
     "seeds": NUMBER,
     "first_seed": NUMBER,
     "episodes": NUMBER,

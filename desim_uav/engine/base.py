@@ -119,7 +119,7 @@ class EpisodeLog:
     lists the drone of each crash, and ``suppressed`` counts the arrivals that were dropped.
     ``links`` is None if the drones' radio is the paper's disc. The drones whose batteries are in
     microjoules ``used`` and ``gained`` (by charging) so many together. ``apart`` is None unless
-    drones have to keep a distance.
+    drones have to keep a distance. ``engine`` names the engine that has played the episode.
     """
 
     episode: int
@@ -141,6 +141,7 @@ class EpisodeLog:
     suppressed: int = 0
     links: LinkCounts | None = None
     apart: Conflicts | None = None
+    engine: str = field(default="", compare=False)
 
     @property
     def crashes(self) -> int:

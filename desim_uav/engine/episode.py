@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from operator import attrgetter, itemgetter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,8 @@ class Engine(CarryOver):
     way, and ``drones`` those of the drones. Tables and queues are read by ``entries``.
     """
 
+    name: ClassVar[str]
+    """The name by which users choose it."""
     state: Any
     constants: Any
     drones: Sequence[Any]
@@ -198,7 +200,8 @@ class Engine(CarryOver):
     def new_log(self, episode: int) -> None:
         """Begin the log of an episode, by its number."""
         self._served_by = {}
-        self.log = base.EpisodeLog(episode, [] if self.settings.keep_events else None)
+        events: list[base.Event] | None = [] if self.settings.keep_events else None
+        self.log = base.EpisodeLog(episode, events, engine=self.name)
 
     def drain_log(self) -> None:
         """Add the events, requests and records of the step that has ended to the log."""

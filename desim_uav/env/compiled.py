@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from desim_uav.commands.given import out_of_range
 from desim_uav.engine.base import COUNTS, MEASURES, OWN_COUNTS, RunSettings
+from desim_uav.engine.choose import CHOICES, first_of, instead_of, on_disk
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import Engine
@@ -82,6 +83,7 @@ class CompiledSession(Session):
     """
 
     engine: BatchSimulation
+    compiled = 1
 
     def __init__(self, tasks: Tasks, world: World | None = None, draws_ahead: bool = True) -> None:
         super().__init__(tasks, world, draws_ahead)
@@ -98,6 +100,23 @@ class CompiledSession(Session):
         """Restore the attributes, with outputs of this object's own."""
         vars(self).update(kept)
         self.write_to(Outputs.of(self, 1), 0)
+
+    @classmethod
+    def instead_of(cls, other: Session, engine: BatchSimulation) -> CompiledSession:
+        """Return a session that begins the next episode in the place of one in another engine.
+
+        ``engine`` is new, and of the same world and settings. Drones are carried over.
+        """
+        own = cls(other.tasks, other.world, other._draws_ahead)
+        own.guard, own.chooses = other.guard, other.chooses
+        own.seed, own.episode, own.steps = other.seed, other.episode, other.steps
+        if other.episode >= 0:
+            own.steps += int(other.engine.state.step)
+        own._stage, own.scenario, own._paths = other._stage, other.scenario, other._paths
+        engine.carry(other.engine.carried())
+        own.engine, own._started = engine, True
+        own._row.addresses[0, :3] = own.addresses()
+        return own
 
     def write_to(self, outputs: Outputs, k: int) -> None:
         """Make row k of these outputs the one of this session, from now on."""
@@ -191,15 +210,12 @@ class CompiledSession(Session):
         """Return the masks of all drones, one after the other, in a new array."""
         return self._row.masks.copy()
 
-    def seeds(self) -> tuple[int, int, int]:
-        """Return the SEEDS: those of the run and its world, and the number of the episode."""
-        return self.seed, self.world.seed, self.episode
-
     def info(self) -> dict[str, Any]:
         """Return the info (see ``Session.info``), from the numbers that a kernel has written."""
         row = self._row.numbers.tolist()
         measures, counts, others = row[:MEASURED], row[MEASURED:COUNTED], row[COUNTED:]
-        values = (*measures, *self.seeds(), *as_counts(COUNTS, counts, self.world), *others)
+        which, counted = self.which(self.episode), as_counts(COUNTS, counts, self.world)
+        values = (*measures, *which, *counted, *others)
         info: dict[str, Any] = dict(zip(self.keys, values, strict=True))
         info["action_mask"] = self.mask()
         return info
@@ -207,11 +223,11 @@ class CompiledSession(Session):
     def infos(self) -> list[dict[str, Any]]:
         """Return the info of each drone (see ``Session.infos``)."""
         row, infos = self._row.numbers.tolist(), []
-        measures, seeds, requests = row[:MEASURED], self.seeds(), int(row[REQUESTS])
+        measures, which, requests = row[:MEASURED], self.which(self.episode), int(row[REQUESTS])
         for own in self._row.own.reshape(self.drones, -1).tolist():
             users, crashes, *times = as_counts(OWN_COUNTS, own[:OWN_COUNTED], self.world)
             counts = users, crashes, requests, *times
-            values = (*measures, *seeds, *counts, *row[COUNTED:NUMBERS], *own[OWN_COUNTED:])
+            values = (*measures, *which, *counts, *row[COUNTED:NUMBERS], *own[OWN_COUNTED:])
             infos.append(dict(zip(self.keys, values, strict=True)))
         return infos
 
@@ -238,11 +254,39 @@ def states_of(addresses: NDArray[np.int64], session: Session) -> NDArray[np.floa
     return states
 
 
-SESSIONS = {"des": Session, "batch": CompiledSession}
-
-
 def session_of(engine: str, tasks: Tasks) -> Session:
     """Return a session in an engine, by its name. Raises gymnasium's Error."""
-    if engine not in SESSIONS:
-        raise error.Error(f"engine {engine!r}: must be 'des' or 'batch'")
-    return SESSIONS[engine](tasks)
+    if engine not in CHOICES:
+        raise error.Error(f"engine {engine!r}: must be 'auto', 'des' or 'batch'")
+    if engine == "batch":
+        return CompiledSession(tasks)
+    session = Session(tasks)
+    return session if engine == "des" else _chosen(session)
+
+
+def _chosen(session: Session) -> Session:
+    """Return the session of ``engine="auto"``, given a new one in the SimPy engine."""
+    worlds = [session.world, *later(session)]
+    allowed = {first_of(world, observed=True) for world in worlds}
+    session.chooses = "des" not in allowed
+    found = on_disk(worlds, session.engine.settings) if session.chooses else None
+    return session if found is None else CompiledSession.instead_of(session, found)
+
+
+def later(session: Session) -> list[World]:
+    """Return worlds of the stages of a curriculum that are not the present one."""
+    tasks, seed = session.tasks, session.world.seed
+    others = [stage for stage in range(len(tasks.stages)) if stage != session.stage]
+    return [tasks.world(stage, seed) for stage in others]
+
+
+def faster(session: Session) -> Session:
+    """Return the session for the next episode, which goes on from where this one is.
+
+    It is another one if this one ``chooses``, and the machine code of the compiled engine has come
+    to disk (see ``engine.choose``).
+    """
+    if not session.chooses or isinstance(session, CompiledSession):
+        return session
+    found = instead_of(session.engine, later(session))
+    return session if found is None else CompiledSession.instead_of(session, found)

@@ -92,7 +92,7 @@ class Many(VectorSaving, Independent):
         self.outputs = Outputs.of(self.sessions[0], self.num_envs)
         for k, session in enumerate(self.sessions):
             session.write_to(self.outputs, k)
-        self._seeds = np.array([session.seeds() for session in self.sessions])
+        self._which = np.array([session.which(session.episode) for session in self.sessions])
         self._shares = shares_of(self.num_envs, self.threads)
         self.guard = OneThread()
         self.start_threads()
@@ -104,7 +104,7 @@ class Many(VectorSaving, Independent):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except arrays and threads, which a copy makes again."""
-        own = ("outputs", "_seeds", "_shares", "_pool", "guard")
+        own = ("outputs", "_which", "_shares", "_pool", "guard")
         return {key: part for key, part in vars(self).items() if key not in own}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
@@ -167,7 +167,7 @@ class Many(VectorSaving, Independent):
         blocks, places = blocks_of(draw_all(sessions[0].world, seeds, episodes))
         afresh = [own.begin_on(block) for own, block in zip(sessions, blocks, strict=True)]
         self.outputs.addresses[group, 1] = places
-        self._seeds[group] = [own.seeds() for own in sessions]
+        self._which[group] = [own.which(own.episode) for own in sessions]
         return calls.begin_all(self.outputs.addresses[group], np.array(afresh))
 
     def _reset_mask(self, options: dict[str, Any] | None) -> Flags:
@@ -198,7 +198,7 @@ class Many(VectorSaving, Independent):
 
     def require_begun(self) -> None:
         """Raise ResetNeeded if there is an environment in which no episode has begun."""
-        waiting = self._seeds[:, 2] < 0
+        waiting = self._which[:, 2] < 0
         if waiting.any():
             which = np.flatnonzero(waiting).tolist()
             raise error.ResetNeeded(f"call reset first: no episode has begun in {which}")

@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from desim_uav.copies import Independent
 from desim_uav.env.alone import alone
 from desim_uav.env.arguments import typed
-from desim_uav.env.compiled import session_of
+from desim_uav.env.compiled import faster, session_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
@@ -59,7 +59,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         config: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
-        engine: str = "des",
+        engine: str = "auto",
         curriculum: Curriculum | Sequence[Change] | None = None,
     ) -> None:
         """Make the environment of a scenario.
@@ -106,6 +106,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
 
         Returns the observations and the infos of all agents. There are no ``options``.
         """
+        self.session = self.screen.session = faster(self.session)
         self.session.reset(seed)
         return self._shown()
 

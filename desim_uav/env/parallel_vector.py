@@ -149,12 +149,12 @@ class UavParallelVectorEnv(Many):
         What a drone has of its own has the shape (num_envs, drones), and the rest (num_envs,).
         ``action_mask``, int8 (num_envs, drones, actions), is one more key.
         """
-        numbers, seeds, own = self.outputs.numbers.T, self._seeds.T, self._own.transpose(2, 0, 1)
+        numbers, labels, own = self.outputs.numbers.T, self._which.T, self._own.transpose(2, 0, 1)
         world = self.sessions[0].world
         whole = as_counts(COUNTS, numbers[MEASURED:COUNTED], world)
         columns: dict[str, Any] = dict(zip(COUNTS, whole, strict=True))
         columns |= zip(OWN_COUNTS, as_counts(OWN_COUNTS, own[:OWN_COUNTED], world), strict=True)
-        values = (*numbers[:MEASURED].copy(), *seeds.copy(), *columns.values())
+        values = (*numbers[:MEASURED].copy(), *labels.copy(), *columns.values())
         others = (*numbers[COUNTED:NUMBERS].copy(), *own[OWN_COUNTED:].copy())
         infos = dict(zip(self.sessions[0].keys, (*values, *others), strict=True))
         infos["action_mask"] = self._masks.copy() if self.copy else self._masks

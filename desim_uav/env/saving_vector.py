@@ -26,7 +26,7 @@ class VectorSaving:
     threads: int
     guard: OneThread
     render_mode: str | None
-    _seeds: NDArray[np.int64]
+    _which: NDArray[np.int64]
 
     def _present(self, which: NDArray[np.bool_]) -> tuple[NDArray[Any], dict[str, Any]]:
         """Return what a reset of the environments ``which`` returns, for their present epochs."""
@@ -72,7 +72,7 @@ class VectorSaving:
         self.sessions[k].require_episode()
         chosen = self._chosen(which)
         assign(self.sessions[k], [self.sessions[other] for other in chosen if other != k])
-        self._seeds[chosen] = self.sessions[k].seeds()
+        self._which[chosen] = self.sessions[k].which(self.sessions[k].episode)
         return self._present(_mask(chosen, self.num_envs))
 
     @typed

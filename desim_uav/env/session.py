@@ -30,7 +30,8 @@ from desim_uav.sample_path import SamplePath, SamplePaths, at_once, draw_all
 from desim_uav.spaces import features, flat_mask, observation_space, padded
 from desim_uav.world import World
 
-SEEDS = ("seed", "world_seed", "episode_number")
+WHICH = ("seed", "world_seed", "episode_number", "compiled")
+"""The names of what an info says of its episode: seeds, number, and whether it is compiled."""
 MOST_SEEDS = 2**63
 
 Read = TypeVar("Read")
@@ -47,12 +48,15 @@ class Session(Independent):
     ``world_seed``; ``tasks`` may give each episode another world, in which the drones begin afresh,
     or change the scenario. ``episode`` counts from 0; it is -1 before the first ``reset``, and
     ``steps`` counts the steps of earlier episodes. ``terms`` are the keys of the reward's terms in
-    an info, by name.
+    an info, by name. If ``chooses``, a session in the compiled engine may take its place between
+    two episodes (see ``compiled.faster``).
     """
 
     world: World
     engine: Engine
     terms: dict[str, str]
+    chooses: bool = False
+    compiled = 0
 
     def __init__(self, tasks: Tasks, world: World | None = None, draws_ahead: bool = True) -> None:
         """Begin with the scenario's own seed if it has one, else with a random seed.
@@ -165,6 +169,10 @@ class Session(Independent):
             self._paths = None
         return paths[episode - paths.episodes[0]]
 
+    def which(self, episode: int) -> tuple[int, int, int, int]:
+        """Return the values of WHICH for an episode of this run."""
+        return self.seed, self.world.seed, episode, self.compiled
+
     def _begin(self, path: SamplePath) -> None:
         """Begin an episode on its sample path, and an info for its steps."""
         self._show(self.engine.reset(path), path.episode)
@@ -177,7 +185,7 @@ class Session(Independent):
         names = term_names(self.world) or self.scenario.reward.terms(first, asked, facts)
         self.terms = {name: f"reward_{name}" for name in names}
         self._blank: dict[str, Any] = dict.fromkeys(info_keys(tuple(names)), 0)
-        self._blank |= zip(SEEDS, (self.seed, self.world.seed, episode), strict=True)
+        self._blank |= zip(WHICH, self.which(episode), strict=True)
 
     def step(self, action: Any) -> tuple[float, bool, bool]:
         """Give each drone its action and run to the next decision epoch.
@@ -287,7 +295,8 @@ class Session(Independent):
         least one drone has a choice, ``forced`` is 0, and ``elapsed_steps`` counts the steps since
         the last earlier decision epoch at which it was 0 (see ``rules.rows.Observation``).
         ``duration_steps`` is the time that the last step lasted, in steps, and ``discount`` the
-        scenario's ``learning.gamma`` to this power; they are 0 and 1 before the first step. A
+        scenario's ``learning.gamma`` to this power; they are 0 and 1 before the first step.
+        ``compiled`` is 1 if the compiled engine plays the episode, and 0 if SimPy does. A
         measure that does not exist yet is 0: QoE1 and QoE2, which are means over requests, while
         ``requests`` is 0, and QoE3, a mean over time, while ``sim_time_s`` is 0. No key is
         "episode", which Gymnasium and stable-baselines3 keep for their statistics.
@@ -329,7 +338,7 @@ class Session(Independent):
 @cache
 def info_keys(terms: tuple[str, ...]) -> tuple[str, ...]:
     """Return the keys of an info in their order; ``terms`` are those of the reward."""
-    return *MEASURES, *SEEDS, *COUNTS, *OF_STEP, *(f"reward_{name}" for name in terms)
+    return *MEASURES, *WHICH, *COUNTS, *OF_STEP, *(f"reward_{name}" for name in terms)
 
 
 def _checked(seed: int) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from desim_uav.copies import Independent
 from desim_uav.env.alone import alone
 from desim_uav.env.arguments import typed
-from desim_uav.env.compiled import session_of
+from desim_uav.env.compiled import faster, session_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
@@ -53,7 +53,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         scenario: Source,
         config: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
-        engine: str = "des",
+        engine: str = "auto",
         world_seed: WorldSeed = "scenario",
         curriculum: Curriculum | Sequence[Change] | None = None,
     ) -> None:
@@ -61,6 +61,10 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
 
         ``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it.
         ``engine``: "des" (SimPy), or "batch" (compiled), which gives the same numbers faster.
+        "auto" is the compiled engine if its machine code is on disk; else SimPy begins at once,
+        another process compiles, and a later ``reset`` changes to the compiled engine. It is SimPy
+        to the end, with a notice, if a component cannot be compiled. ``compiled`` in an info says
+        which engine plays the episode.
         ``world_seed``: the seed of the world to fly in; None: each seed draws a world of its own;
         "scenario": the scenario's own, which for the shipped cases is None; "train", "validation",
         "test" or a range of world seeds: each episode draws one of these worlds and begins with
@@ -89,6 +93,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
 
         Returns the observation and the info. There are no ``options``.
         """
+        self.session = self.screen.session = faster(self.session)
         self.session.reset(seed)
         super().reset(seed=None if seed is None else self.session.seed)
         return self._shown()

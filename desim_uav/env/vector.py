@@ -137,10 +137,10 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         Each key has beside it, after an underscore, the mask ``which`` of the environments that
         have it; the entries of the others are 0.
         """
-        numbers, seeds = self.outputs.numbers.T.copy(), self._seeds.T.copy()
+        numbers, labels = self.outputs.numbers.T.copy(), self._which.T.copy()
         measures, counts, rest = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
         whole = as_counts(COUNTS, counts, self.sessions[0].world)
-        columns = (*measures, *seeds, *whole, *rest)
+        columns = (*measures, *labels, *whole, *rest)
         arrays = dict(zip(self.sessions[0].keys, columns, strict=True))
         infos: dict[str, Any] = {}
         others = None if which.all() else ~which

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -142,10 +142,10 @@ def run_to_folder(
 ) -> Done:
     """Run a policy and write the run folder.
 
-    ``engine`` is des or batch. Errors in the scenario, the policy or ``out`` are raised before
-    anything is written. The first Ctrl-C ends the run after the current episode, a second one at
-    once; finished episodes are kept. Raises KeyboardInterrupt, and keeps nothing, if no counted
-    episode has ended.
+    ``engine`` is auto, des or batch. Errors in the scenario, the policy or ``out`` are raised
+    before anything is written. The first Ctrl-C ends the run after the current episode, a second
+    one at once; finished episodes are kept. Raises KeyboardInterrupt, and keeps nothing, if no
+    counted episode has ended.
     """
     prepared = prepare(scenario, policy, engine, keep_events)
     place = place_of(scenario, policy, out)
@@ -225,7 +225,14 @@ def record_episodes(
     world, policy, seed = prepared.world, prepared.policy, prepared.scenario.seed
     now = clock()
     started = now()
-    tally, by_service = _write_tables(world, episodes, how.keep_events, write, advance, begun)
+    played_by: Counter[str] = Counter({} if begun is None else begun.played_by())
+
+    def noted() -> Iterator[run.Played]:
+        for log, path in episodes:
+            played_by[log.engine] += log.episode >= 0
+            yield log, path
+
+    tally, by_service = _write_tables(world, noted(), how.keep_events, write, advance, begun)
     if not tally.episodes:
         raise KeyboardInterrupt
     settings = run.run_settings(world, policy, how.keep_events)
@@ -236,6 +243,7 @@ def record_episodes(
         "seed": seed,
         "world_seed": prepared.scenario.effective_world_seed,
         "engine": how.engine,
+        "played_by": dict(played_by),
         "ceilings": ["tallest" if c else "none" for c in settings.ceilings],
         "carry_over": settings.carry_over,
         "warmup": how.warmup,

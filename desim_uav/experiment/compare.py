@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from desim_uav.disk import file_place, write_at
-from desim_uav.engine.choose import check_engine
+from desim_uav.engine.choose import check_engine, look_ahead
 from desim_uav.errors import UsageError, did_you_mean
 from desim_uav.escaped import csv_cell
 from desim_uav.experiment.evaluate import evaluate
@@ -210,7 +210,7 @@ def compare_policies(
 ) -> Comparison:
     """Run each policy on each seed; the seed draws the world, too, unless the scenario names one.
 
-    ``policies`` maps names to policies; ``engine`` is des or batch. After Ctrl-C the finished
+    ``policies`` maps names to policies; ``engine`` is auto, des or batch. After Ctrl-C the finished
     replications are returned. Raises KeyboardInterrupt if there is none.
     """
     reference = reference_of(list(policies), against)
@@ -305,6 +305,7 @@ def try_on(
     """
     world = at_once(build_world, scenario, world_seed_of(scenario, seeds[0]))
     check_engine(engine, world)
+    look_ahead(engine, world)
     for policy in policies.values():
         begin_once(scenario, policy, seeds[0])
 

@@ -170,6 +170,7 @@ def _kernels() -> Iterator[Finding]:
     if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         yield Finding("problem", "kernels", "NUMBA_DISABLE_JIT is set, so everything is very slow")
         return
+    from desim_uav.engine.ahead import at_work
     from desim_uav.engine.compiled import loop
     from desim_uav.learning import fused
     from desim_uav.model.geometry.crossings import crossings
@@ -192,6 +193,8 @@ def _kernels() -> Iterator[Finding]:
     words = f"{missing if waiting else 'ready'}; kept in {folder}"
     words += "" if problem else ", which is writable"
     yield Finding("note" if waiting else "ok", "compiled code", words)
+    if who := at_work():
+        yield Finding("note", "compiling", f"{who}; until it ends, --engine auto begins with SimPy")
 
 
 def _processors() -> Iterator[Finding]:

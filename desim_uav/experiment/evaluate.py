@@ -46,7 +46,7 @@ def evaluate(
     """Return the measures of ``episodes`` episodes after ``warmup``, in the world of the seed.
 
     QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes; energy and what
-    was served are summed up before one is divided by the other. ``engine`` is des or batch.
+    was served are summed up before one is divided by the other. ``engine`` is auto, des or batch.
     """
     name, policy = policy_name(policy), load_policy(policy)
     scenario = as_seen(scenario, policy).model_copy(update={"seed": seed})

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from desim_uav.engine.choose import make_engine
+from desim_uav.engine.choose import faster, make_engine
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import SavedState
 from desim_uav.errors import UsageError
@@ -84,6 +84,7 @@ class Branches:
         engine = make_engine(how.engine, prepared.world, settings)
         policy, name = prepared.policy, prepared.name
         for episode in range(-how.warmup, how.episodes):
+            engine = faster(how.engine, engine)
             yield self._played(engine, policy, name, episode)
             if episode < self.at.episode:
                 self.past.append((engine.log, engine.drawn))

@@ -143,11 +143,11 @@ def run_jobs(
     folder: Path,
     workers: int,
     on_job: Callable[[], None] = lambda: None,
-    engine: str = "batch",
+    engine: str = "auto",
 ) -> list[dict[str, Any]]:
     """Return the rows of all jobs; those that are in the folder are not run again.
 
-    ``engine`` is des or batch. The rows of both are the same, so rows of the other engine are
+    ``engine`` is auto, des or batch. The rows of both are the same, so rows of the other engine are
     reused. Raises UsageError if the folder cannot be written.
     """
     open_folder(folder)
@@ -163,7 +163,7 @@ def run_jobs(
     return rows
 
 
-def run_job(job: Job, folder: Path, engine: str = "batch") -> dict[str, Any]:
+def run_job(job: Job, folder: Path, engine: str = "auto") -> dict[str, Any]:
     """Train if the policy learns, evaluate, and keep the row and the Q-table in the folder."""
     scenario = job.scenario()
     row: dict[str, Any] = {

@@ -16,7 +16,7 @@ from desim_uav.parquet_file import as_arrow, as_written, read_parts, read_table
 from desim_uav.policies.base import file_of
 from desim_uav.records import EPISODES, TABLES
 from desim_uav.registry import names
-from desim_uav.report.manifest import read_manifest
+from desim_uav.report.manifest import read_manifest, read_played_by
 from desim_uav.run_folder import Place
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import scenario_hash
@@ -76,6 +76,10 @@ class Begun:
             return Rest()
         there = _there(self.folder)
         return Rest({name: _rows(self.folder, name, self.open_from) for name in there}, self.size)
+
+    def played_by(self) -> dict[str, int]:
+        """Return how many of its episodes each engine has played, as far as it says so."""
+        return read_played_by(read_manifest(self.folder))
 
     def missing(
         self,

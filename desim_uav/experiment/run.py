@@ -11,7 +11,7 @@ import pandas as pd
 
 from desim_uav import qoe
 from desim_uav.engine.base import EpisodeLog, RunSettings
-from desim_uav.engine.choose import make_engine
+from desim_uav.engine.choose import faster, make_engine
 from desim_uav.engine.episode import Engine
 from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
@@ -64,7 +64,7 @@ def run(
 ) -> Results:
     """Run ``warmup`` + ``episodes`` episodes and return all tables in memory.
 
-    Warm-up episodes have negative numbers. ``engine`` is des or batch.
+    Warm-up episodes have negative numbers. ``engine`` is one of ``engine.choose.CHOICES``.
     """
     parts: list[Results] = []
     played: list[Played] = []
@@ -100,6 +100,7 @@ def play(
         with naming_plug_ins():
             path = draw(world, seed, episode)
             carried = settings.carry_over and simulation.truncated and not simulation.terminated
+            simulation = faster(engine, simulation)
             begin(policy, policy_name, world, seed, episode, carried)
             fly(simulation, policy, policy_name, simulation.reset(path))
         yield simulation.log, path

@@ -10,6 +10,7 @@ from typing import Any
 from desim_uav.report import intervals
 from desim_uav.report.figures import case_picture, intervals_figure
 from desim_uav.report.figures.style import NARROW
+from desim_uav.report.manifest import engine_of
 from desim_uav.report.markup import Html, code, facts, folded, joined, paragraph, table, tag
 from desim_uav.report.page import (
     Picture,
@@ -211,7 +212,7 @@ def _runs(found: Compared) -> Html:
             run.summary["policy"],
             run.summary["seed"],
             code(run.place),
-            run.manifest.get("engine"),
+            engine_of(run.manifest),
             command_of(run),
         ]
         for run in found.runs

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,6 +11,7 @@ from pydantic import Field
 from desim_uav.report.json_file import Form, read_json
 
 Text = Annotated[str, Field(max_length=10_000)]
+PLAYERS = ("des", "batch")
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 
 
@@ -25,7 +27,7 @@ class Settings(Named):
     """The entries that are needed to play a run again."""
 
     world_seed: Count
-    engine: Literal["des", "batch"]
+    engine: Literal["auto", "des", "batch"]
     ceilings: list[Literal["tallest", "none"]]
     carry_over: bool
     warmup: Count
@@ -39,6 +41,20 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def read_settings(folder: Path) -> Settings:
     """Return the settings of a run. Raises PolicyError if its manifest lacks one."""
     return Settings.model_validate(_read(folder, Settings))
+
+
+def engine_of(manifest: Mapping[str, Any]) -> str | None:
+    """Return which engine was asked for, and which has played how many episodes."""
+    asked, played = manifest.get("engine"), read_played_by(manifest)
+    each = ", ".join(f"{name}: {count}" for name, count in played.items())
+    return f"{asked} ({each})" if asked == "auto" and each else asked
+
+
+def read_played_by(manifest: Mapping[str, Any]) -> dict[str, int]:
+    """Return how many episodes each engine has played, as far as a manifest says so."""
+    played = manifest.get("played_by")
+    known = played.items() if isinstance(played, dict) else ()
+    return {name: count for name, count in known if name in PLAYERS and type(count) is int}
 
 
 def _read(folder: Path, form: type[Form]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from desim_uav import __version__
 from desim_uav.report import markup
 from desim_uav.report.inline_svg import drawn
+from desim_uav.report.manifest import engine_of
 from desim_uav.report.run import Run
 from desim_uav.report.text import MEASURES
 from desim_uav.scenario.facts import scenario_facts
@@ -174,7 +175,7 @@ def provenance_facts(run: Reported) -> list[tuple[str, Any]]:
         ("episodes", manifest.get("episodes")),
         ("warm-up", manifest.get("warmup")),
         ("interrupted", "yes" if manifest.get("interrupted") is True else "no"),
-        ("engine", manifest.get("engine")),
+        ("engine", engine_of(manifest)),
         ("command", command_of(run)),
         ("begun", manifest.get("started")),
         ("ended", manifest.get("finished")),

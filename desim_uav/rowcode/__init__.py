@@ -10,8 +10,8 @@ packages use these names:
 - ``views``: ``View``, ``in_memory``, ``array_of`` and ``dtype_of`` read and write rows in blocks of
   memory.
 - ``kernels``: ``rule``, ``rare_rule``, ``kernel``, ``maker`` and ``part`` say how a function is
-  compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder`` and
-  ``compiled_before`` say where its machine code is kept.
+  compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder``,
+  ``compiled_before`` and ``only_from_disk`` are about the machine code that is kept on disk.
 - ``compiled_rows``: ``pointer_to``, ``address_of``, ``call`` and its typed variants call a compiled
   function at an address; ``entries_at``, ``as_array`` and ``place_of`` reach into rows.
   ``compiled_types``, ``compiled_entries`` and ``compiled_queues`` say what fields, tables and

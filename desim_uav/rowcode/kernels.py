@@ -10,8 +10,9 @@ from __future__ import annotations
 import hashlib
 import multiprocessing
 import pickle
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import cached_property
 from pathlib import Path
 from types import FunctionType
@@ -152,9 +153,33 @@ def compiled_before(function: Any) -> bool:
 
 
 def cache_folder(function: Any) -> Path | None:
-    """Return the folder of a kernel's machine code, or None if no folder can be written."""
-    folder = cache_of(function).cache_path
+    """Return the folder of a kernel's machine code, or None if no folder can be written.
+
+    It is also None if NUMBA_DISABLE_JIT is set.
+    """
+    folder = cache_of(function).cache_path if hasattr(function, "enable_caching") else None
     return None if folder is None else Path(folder)
+
+
+class NotOnDiskError(Exception):
+    """Machine code is not on disk. ``keeps``: it will be there when it has been compiled once."""
+
+    def __init__(self, keeps: bool) -> None:
+        super().__init__("machine code is not on disk")
+        self.keeps = keeps
+
+
+_ONLY_FROM_DISK: ContextVar[bool] = ContextVar("only_from_disk", default=False)
+
+
+@contextmanager
+def only_from_disk() -> Iterator[None]:
+    """Load kernels from disk in this block; raise NotOnDiskError where one is to be compiled."""
+    before = _ONLY_FROM_DISK.set(True)
+    try:
+        yield
+    finally:
+        _ONLY_FROM_DISK.reset(before)
 
 
 class MachineCode(FunctionCache):
@@ -179,15 +204,21 @@ class MachineCode(FunctionCache):
         return sig, codegen.magic_tuple()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the machine code for a signature, or None; a damaged file is removed."""
+        """Return the machine code for a signature, or None; a damaged file is removed.
+
+        Raises NotOnDiskError instead of returning None in a block ``only_from_disk``.
+        """
+        found = None
         try:
-            return super().load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
         except Exception as error:
             with suppress(OSError):  # another process may have removed it, with a notice
                 self.file.path.unlink()
                 problem = f"damaged compiled code is removed and made anew: {self.file.path}"
                 _say_once("damaged", f"{problem} ({error})")
-            return None
+        if found is None and _ONLY_FROM_DISK.get():
+            raise NotOnDiskError(self.file.origin is not None)
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the machine code for a signature, if it can be written."""

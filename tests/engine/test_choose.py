@@ -53,5 +53,5 @@ def test_a_battery_of_any_length_has_a_kernel(autonomy_min: float, capsys):
 
 
 def test_no_such_engine():
-    with pytest.raises(UsageError, match="--engine simpy: allowed: des, batch"):
+    with pytest.raises(UsageError, match="--engine simpy: allowed: auto, des, batch"):
         check_engine("simpy", world_of())

@@ -44,7 +44,7 @@ def stable_baselines() -> Any:
 MAKERS: dict[str, Callable[[], Any]] = {
     "single, SimPy": lambda: single("des"),
     "single, compiled": lambda: single("batch"),
-    "parallel": lambda: UavParallelEnv("case8", CONFIG),
+    "parallel": lambda: UavParallelEnv("case8", CONFIG, engine="des"),
     "parallel, compiled": lambda: UavParallelEnv("case8", CONFIG, engine="batch"),
     "parallel, worlds": lambda: UavParallelEnv(
         "case8", CONFIG, engine="batch", world_seed=range(9)

@@ -13,8 +13,8 @@ from tests.env.helpers import CASES, play_parallel, play_single
 
 OF_ALL = [
     "sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent", "seed", "world_seed",
-    "episode_number", "attached_users", "crashes", "requests", "elapsed_steps", "forced",
-    "duration_steps", "discount",
+    "episode_number", "compiled", "attached_users", "crashes", "requests", "elapsed_steps",
+    "forced", "duration_steps", "discount",
 ]  # fmt: skip
 TERMS = {
     "coverage": ["users"],
@@ -150,7 +150,7 @@ def test_a_measure_that_does_not_exist_is_0_and_so_is_its_weight(engine: str):
 
 @pytest.mark.parametrize("case", ["case1", "case6", "case8"])
 def test_requests_are_counted_as_the_log_counts_them(case: str):
-    env = UavParallelEnv(case)
+    env = UavParallelEnv(case, engine="des")
     *_, last = play_parallel(env, 1, seed=0)
     assert last[-1]["drone_0"]["requests"] == len(env.session.engine.log.requests) > 0
 

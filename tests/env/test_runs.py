@@ -76,7 +76,7 @@ def test_a_seed_starts_over():
 
 
 def test_without_a_seed_the_run_goes_on():
-    env = UavParallelEnv("case8", BRITTLE)
+    env = UavParallelEnv("case8", BRITTLE, engine="des")
     rng = np.random.default_rng(0)
     _, infos = env.reset(seed=11)
     log_steps(env)

@@ -34,7 +34,7 @@ def legal(masks: np.ndarray, drones: int, rng: np.random.Generator) -> np.ndarra
 def assert_same(one: Any, other: Any, where: str = "") -> None:
     if isinstance(one, dict):
         assert one.keys() == other.keys()
-        for key in one:
+        for key in one.keys() - {"compiled"}:  # in which alone engines differ
             assert_same(one[key], other[key], f"{where}/{key}")
     elif isinstance(one, np.ndarray) and one.dtype == object:
         for a, b in zip(one, other, strict=True):

@@ -107,7 +107,7 @@ def test_a_built_in_policy_is_not_flown_from_the_start(monkeypatch):
         ({"policy": "hover"}, "policy 'random', not 'hover'"),
         ({"config": SMALL}, "scenario_hash"),
         ({"warmup": 2}, "warmup 1, not 2"),
-        ({"engine": "batch"}, "engine 'des', not 'batch'"),
+        ({"engine": "batch"}, "engine 'auto', not 'batch'"),
         ({"events": True}, "events False, not True"),
         ({"world_seed": 9}, "world_seed 3, not 9"),
         ({"episodes": 1}, "it holds 2 episode"),

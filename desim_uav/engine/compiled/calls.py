@@ -24,6 +24,7 @@ from desim_uav.rowcode.compiled_rows import (
     pointer_to,
 )
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule
+from desim_uav.rowcode.numba_parts import types
 from desim_uav.rules import requests
 from desim_uav.rules.due import due, nothing_due
 from desim_uav.rules.rows import Constants, Drone, Path, State
@@ -344,6 +345,34 @@ def _pay(state: State, outputs: OutputRow) -> None:
     for term in range(terms):
         numbers[NUMBERS + term] /= drones
     outputs.reward[0] = reward / drones
+
+
+_I64, _TABLE = types.int64, types.int64[:, ::1]
+_NUMBERS, _FLAGS = types.float64[:, ::1], types.boolean[::1]
+
+OF_STEPS: dict[Any, tuple[Any, ...]] = {
+    run: (_I64,) * 4,
+    step_all: (_TABLE, _TABLE, _FLAGS),
+    look_at_all: (_TABLE, _FLAGS),
+}
+"""The kernels that runs and environments call at each step, with the types of their arguments."""
+
+OTHERS: dict[Any, tuple[Any, ...]] = {
+    describe: (_I64,) * 2,
+    aim_all: (_TABLE, types.float64[:, :, ::1], _FLAGS),
+    resume: (_I64, _I64, _I64, _TABLE),
+    begin_all: (_TABLE, _FLAGS),
+    fork_all: (_I64, _I64, _I64, _I64, _TABLE, _FLAGS),
+    faults_of: (_I64,),
+    state_all: (_TABLE, _NUMBERS, _NUMBERS),
+}
+"""The other kernels of this module."""
+
+
+def load(kernels: dict[Any, tuple[Any, ...]]) -> None:
+    """Load kernels before they are called; they are compiled if they are not on disk."""
+    for one, arguments in kernels.items():
+        one.compile(arguments)
 
 
 @rule

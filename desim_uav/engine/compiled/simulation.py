@@ -53,6 +53,7 @@ class BatchSimulation(Engine):
     differently.
     """
 
+    name = "batch"
     path: Words
     memory: Words
 

@@ -57,6 +57,8 @@ class Simulation(Engine):
     saved state, has new ones, which wait for the same events.
     """
 
+    name = "des"
+
     @typed
     def __init__(
         self,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from desim_uav.engine.choose import check_engine, engine_for
+from desim_uav.engine.choose import check_engine, engine_for, look_ahead
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.compare import begin_once, out_of_place, policy_names
 from desim_uav.experiment.interrupt import at_once
@@ -72,8 +72,7 @@ class Asked:
     """What a sweep is to run in a scenario.
 
     ``values`` are those of ``axes``. ``policies`` None means the baseline, or no policy if
-    something is trained, ``algorithms`` None the scenario's own, and ``engine`` None the compiled
-    engine if it can run the scenario.
+    something is trained, and ``algorithms`` None the scenario's own.
     """
 
     scenario: Path | Mapping[str, Any] | Scenario
@@ -84,7 +83,7 @@ class Asked:
     seeds: range
     episodes: int
     warmup: int
-    engine: str | None = None
+    engine: str = "auto"
 
     @property
     def given(self) -> Given:
@@ -120,7 +119,7 @@ class Arm:
     """A policy in a combination, or an ``algorithm`` that learns one there.
 
     ``source`` is the policy with the absolute path of its file, ``digest`` that file's SHA-256.
-    ``engine`` is des or batch.
+    ``engine`` is auto, des or batch.
     """
 
     combination: Combination
@@ -192,7 +191,8 @@ def policy_digest(policy: str) -> str:
 def _policy_arms(
     asked: Asked, combination: Combination, policies: Sequence[str], reasons: dict[str, None]
 ) -> Iterator[Arm]:
-    scenario, _, engine = _prepared(asked, combination.settings, reasons)
+    scenario, world, engine = _prepared(asked, combination.settings, reasons)
+    look_ahead(engine, world)
     hashed = unseeded_hash(scenario)
     for policy in policies:
         begin_once(scenario, policy, asked.seeds[0])
@@ -222,7 +222,9 @@ def _prepared(
     with asked.given.located(settings):
         drawn = scenario.model_copy(update={"seed": asked.seeds[0]})
         world = at_once(build_world, drawn, drawn.effective_world_seed)
-        engine = asked.engine or engine_for(world, reasons.setdefault)
+        engine = asked.engine
+        if engine == "auto" and engine_for(world, reasons.setdefault) == "des":
+            engine = "des"
         check_engine(engine, world)
     for doubt in doubts(scenario):
         reasons.setdefault(f"warning: {doubt}")

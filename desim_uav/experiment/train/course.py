@@ -100,10 +100,10 @@ class Pause:
         return episode % self.every == 0 or (self.at_end and episode == last)
 
 
-def train(scenario: Scenario, engine: str | None = None) -> tuple[QTable, list[Progress]]:
+def train(scenario: Scenario, engine: str = "auto") -> tuple[QTable, list[Progress]]:
     """Train from beginning to end; return the learned table, and a row per drone and episode.
 
-    ``engine`` is des or batch, by default that of ``engine_for``. Raises SimulationError if values
+    ``engine`` is auto (that of ``engine_for``), des or batch. Raises SimulationError if values
     are learned that are not finite.
     """
     course = begin(scenario, engine)
@@ -115,7 +115,7 @@ def train_in_memory(
     scenario: Scenario,
     *,
     command: Sequence[str],
-    engine: str | None,
+    engine: str,
     pauses: Sequence[Pause],
     on_episode: OnEpisode,
 ) -> Course:
@@ -126,10 +126,11 @@ def train_in_memory(
     return course
 
 
-def begin(scenario: Scenario, engine: str | None = None, command: Sequence[str] = ()) -> Course:
-    """Begin a training; ``engine`` is des or batch, by default that of ``engine_for``."""
+def begin(scenario: Scenario, engine: str = "auto", command: Sequence[str] = ()) -> Course:
+    """Begin a training; ``engine`` is auto (that of ``engine_for``), des or batch."""
     world = at_once(build_world, scenario, scenario.effective_world_seed)
-    return Course(Training(world, scenario.seed, engine or engine_for(world)), command)
+    chosen = engine_for(world) if engine == "auto" else engine
+    return Course(Training(world, scenario.seed, chosen), command)
 
 
 def learn(

@@ -43,14 +43,14 @@ def train_to_folder(
     resume: bool,
     checkpoint_every: int,
     command: Sequence[str],
-    engine: str | None = None,
+    engine: str = "auto",
     pauses: Sequence[Pause] = (),
     on_start: Callable[[int], None] = lambda episode: None,
     on_episode: OnEpisode = lambda rows: None,
 ) -> Course:
     """Train and write the folder, with a checkpoint after every ``checkpoint_every`` episodes.
 
-    ``engine`` is des or batch, by default that of ``engine_for``. Ctrl-C ends the training after
+    ``engine`` is auto (that of ``engine_for``), des or batch. Ctrl-C ends the training after
     the current episode (with compiled code, after a few) and writes a checkpoint. Raises UsageError
     if the folder cannot be used, and PolicyError if its checkpoint cannot.
     """
