@@ -9,7 +9,7 @@ import numpy as np
 
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
-from desim_uav.engine.des.clock import Clock
+from desim_uav.engine.des.clock import AuditedClock, Clock
 from desim_uav.engine.des.free import set_free
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import own_over_rows, set_components
@@ -21,7 +21,7 @@ from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.demand.asking import Requests
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.rowcode.rows import Table, blank, bound, fill
+from desim_uav.rowcode.rows import Numbers, Table, blank, bound, fill
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
 from desim_uav.rules.rows import Ask, Constants, Path, State
@@ -128,10 +128,13 @@ class Simulation(Engine):
 
     def _start_clock(self, now_us: int) -> None:
         """Make a new event queue, in which nothing is scheduled yet."""
-        after_event = None if self.audit is None else self._after_event
         if self._bounds:
             bound(self.constants, self.own_path, self.state)
-        self.clock = self.state.clock = Clock(slots(self.state), after_event, now_us)
+        if self.audit is None:
+            self.clock = Clock(slots(self.state), now_us)
+        else:
+            self.clock = AuditedClock(slots(self.state), self._after_event, now_us)
+        self.state.clock = self.clock
         self._processes = Processes(self.clock, self.constants, self.own_path, self.state)
 
     def _start_processes(self) -> None:
@@ -211,9 +214,9 @@ class Simulation(Engine):
         if requests is not self._asks[0]:
             self._asks = requests, Table(fill(Ask, row) for row in requests.rows.tolist())
         made.asks, made.asks_at = self._asks[1], Table(requests.offsets.tolist())
-        made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1)
-        made.legs_at = np.ascontiguousarray(walks.offsets, np.int64)
-        made.link_key = np.ascontiguousarray(path.link_key).view(np.int64)
+        made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1).view(Numbers)
+        made.legs_at = np.ascontiguousarray(walks.offsets, np.int64).view(Numbers)
+        made.link_key = np.ascontiguousarray(path.link_key).view(np.int64).view(Numbers)
         made.after_previous = int(requests.after_previous)
         made.respawns = Table(path.respawn.reshape(-1).tolist())
         made.respawns_drawn = path.respawn.shape[1]

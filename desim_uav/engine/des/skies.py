@@ -12,7 +12,7 @@ from desim_uav.engine.sky import enlarged, scene_of, sky_of
 from desim_uav.model.mobility.walking import Walks
 from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.marks import compiled_chance
-from desim_uav.rowcode.rows import address, in_memory, place
+from desim_uav.rowcode.rows import address, in_memory
 from desim_uav.sky import links
 from desim_uav.sky.foresee import foresee_discs, foresee_rings
 from desim_uav.sky.rows import Sky
@@ -73,7 +73,7 @@ class Skies:
             while count > room:
                 self._enlarge(state(), self._room._replace(changes=2 * count))
                 changes = state().sky.changes
-                out, room = place(changes.array), self._room.changes
+                out, room = changes.address, self._room.changes
                 count = kernel(scene, address(state().sky), out, room, *others)
             return count
 
