@@ -20,7 +20,7 @@ from __future__ import annotations
 import ctypes
 from collections import namedtuple
 from collections.abc import Iterable
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any, ClassVar, Generic, TypeVar, get_type_hints
 
 import numpy as np
@@ -84,7 +84,7 @@ class Queue(list[T], Generic[T]):
     def take(self, entries: Any, first: int, count: int) -> None:
         """Replace all entries by some of a table of a view, whose rows are of numbers."""
         taken = entries.array[first : first + count].tolist()
-        self[:] = map(named(self.of)._make, taken)
+        self[:] = map(maker_of(self.of), taken)
 
 
 class BoundedTable(Table[T]):
@@ -273,6 +273,12 @@ def bound_table(table: Any) -> None:
 def named(cls: type[Row]) -> Any:
     """Return a class of tuples with the fields of a row."""
     return namedtuple(cls.__name__, list(cls.kinds))
+
+
+@cache
+def maker_of(cls: type[Row]) -> Any:
+    """Return a function that makes such a tuple of a tuple with all its fields."""
+    return partial(tuple.__new__, named(cls))
 
 
 # ---- as memory

@@ -28,6 +28,7 @@ class Processes:
         self.world, self.path, self.state = world, path, state
         self.pads = [simpy.Resource(clock, world.pads) for _ in state.stations]
         self.commands = [Due(clock) for _ in state.drones]
+        self.begun = Due(clock)
         self.pad_requests: dict[int, Any] = {}
 
     def begin(self) -> None:
@@ -45,16 +46,23 @@ class Processes:
             self.clock.process(self.service(user))
             if self.state.by_level:
                 self.clock.process(self.levels(user))
+        self.clock.process(self.step())
         self.clock.process(self.attachment())
         if self.state.pairs:
             self.clock.process(self.separation())
         if self.state.renews:
             self.clock.process(self.points())
 
-    def tell(self, drone: int) -> None:
-        """Schedule the action of a drone that waits for its command, in this instant."""
-        command, self.commands[drone] = self.commands[drone], Due(self.clock)
-        command.happen(self.state.now_us, due.key(words.COMMAND, drone, -1))
+    def tell(self) -> None:
+        """Schedule, in this instant, the actions of drones that wait for their commands."""
+        now_us = self.state.now_us
+        for drone in self.state.drones:
+            if drone.waits:
+                command = self.commands[drone.index]
+                self.commands[drone.index] = Due(self.clock)
+                command.happen(now_us, due.key(words.COMMAND, drone.index, -1))
+        begun, self.begun = self.begun, Due(self.clock)
+        begun.happen(now_us, due.key(words.COVERAGE, -1, -1))
 
     def drone(self, drone: Drone) -> Process:
         """Obey a command; fly, return, queue and charge; after a crash, wait to be replaced."""
@@ -120,6 +128,12 @@ class Processes:
         while True:
             yield from self.until(slot)
             on_turn(self.world, self.path, self.state, user)
+
+    def step(self) -> Process:
+        """Attach users and admit requests once all drones have begun what they are told."""
+        while True:
+            yield self.begun
+            settle(self.world, self.path, self.state, words.COVERAGE, words.ADMISSION)
 
     def attachment(self) -> Process:
         """Attach users and admit requests at the end of each instant that requires it."""

@@ -21,13 +21,12 @@ from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.demand.asking import Requests
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.rowcode.rows import Numbers, Table, blank, bound, fill
+from desim_uav.rowcode.rows import Numbers, Table, blank, bound, maker_of
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
 from desim_uav.rules.rows import Ask, Constants, Path, State
-from desim_uav.rules.settle import settle
 from desim_uav.rules.walks import look_anew
-from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN
+from desim_uav.rules.words import RESPAWN
 from desim_uav.sample_path import SamplePath
 from desim_uav.typed import typed
 from desim_uav.world import World
@@ -96,7 +95,6 @@ class Simulation(Engine):
     def _state(self) -> LiveState:
         """Return a new state."""
         state = state_of(self.world, self.settings, Buffers(), LiveState)
-        state.keeps_requests = 1
         state.named_terms, state.observed = (), self.observations
         state.find_users = self._find_users
         state.sky = self._skies.first()
@@ -174,18 +172,13 @@ class Simulation(Engine):
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the end of the episode."""
         self.hear(commands)
-        world, state, processes = self.constants, self.state, self._processes
+        world, state = self.constants, self.state
         state.events.clear()
         state.closed.clear()
         state.handovers.clear()
         state.flown.clear()
         hear(world, self.own_path, state)
-        for drone in state.drones:
-            if drone.waits:
-                processes.tell(drone.index)
-        self.clock.run_before(state.now_us, key(COVERAGE, -1, -1))
-        settle(world, self.own_path, state, COVERAGE, ADMISSION)
-        self._after_event()
+        self._processes.tell()
         self.clock.run_to_end()
         state.now_us = int(self.clock.now)
         end_step(world, self.own_path, state)
@@ -212,7 +205,7 @@ class Simulation(Engine):
         made: Any = blank(Path)
         requests, walks = path.requests, path.walks
         if requests is not self._asks[0]:
-            self._asks = requests, Table(fill(Ask, row) for row in requests.rows.tolist())
+            self._asks = requests, Table(map(maker_of(Ask), requests.rows.tolist()))
         made.asks, made.asks_at = self._asks[1], Table(requests.offsets.tolist())
         made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1).view(Numbers)
         made.legs_at = np.ascontiguousarray(walks.offsets, np.int64).view(Numbers)
