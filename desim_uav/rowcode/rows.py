@@ -21,7 +21,7 @@ import ctypes
 from collections import namedtuple
 from collections.abc import Iterable
 from functools import cache, cached_property, partial
-from typing import Any, ClassVar, Generic, TypeVar, get_type_hints
+from typing import Any, ClassVar, Generic, Self, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,10 +43,17 @@ Words = NDArray[np.int64]
 class Table(list[T], Generic[T]):
     """A list of rows or numbers whose length does not change.
 
-    A field may hold an array in its place: of numbers, or of rows of whole numbers.
+    ``Table(values)`` is a plain list, because indexing one of a subclass takes ten times as long. A
+    field may hold an array in its place: of numbers, or of rows of whole numbers.
     """
 
     __slots__ = ()
+
+    def __new__(cls, values: Iterable[T] = ()) -> Self:
+        """Return a list of values or, if all indices are to be checked, a ``BoundedTable``."""
+        if cls is Table:
+            return BoundedTable(values) if CHECKED else list(values)  # type: ignore[return-value]
+        return super().__new__(cls)
 
 
 class Queue(list[T], Generic[T]):
@@ -139,10 +146,8 @@ class BoundedQueue(Queue[T]):
 
 
 if CHECKED:
-    for _plain, _bounded in ((Table, BoundedTable), (Queue, BoundedQueue)):
-        for _name in ("__getitem__", "__setitem__", "pop", "insert", "remove"):
-            if _name in vars(_bounded):
-                setattr(_plain, _name, vars(_bounded)[_name])
+    for _name in ("__getitem__", "__setitem__", "pop", "insert", "remove"):
+        setattr(Queue, _name, vars(BoundedQueue)[_name])
 
 
 class Row:
@@ -256,17 +261,21 @@ def bound(*rows: Row) -> None:
             if is_row(kind):
                 bound(value)
             elif origin_of(kind):
-                bound_table(value)
+                setattr(one, name, bounded(value))
                 if is_row(held_by(kind)) and _has_tables(held_by(kind)):
                     bound(*value)
 
 
-def bound_table(table: Any) -> None:
-    """Let a table or queue check each index from now on; an array does so itself."""
-    if type(table) is Table:
-        table.__class__ = BoundedTable
-    elif type(table) is Queue:
+def bounded(table: Any) -> Any:
+    """Return a table or queue as one that checks each index; an array does so itself.
+
+    A table is copied, and a queue changed.
+    """
+    if type(table) is list:
+        return BoundedTable(table)
+    if type(table) is Queue:
         table.__class__ = BoundedQueue
+    return table
 
 
 @cache
@@ -276,7 +285,7 @@ def named(cls: type[Row]) -> Any:
 
 
 @cache
-def maker_of(cls: type[Row]) -> Any:
+def maker_of(cls: Any) -> Any:
     """Return a function that makes such a tuple of a tuple with all its fields."""
     return partial(tuple.__new__, named(cls))
 
@@ -414,7 +423,7 @@ class View(ctypes.Structure):
 
     __slots__ = ("_at", "_block", "_kept")
 
-    def __new__(cls, block: Words, of: type[Row], at: int = 0) -> Any:
+    def __new__(cls, block: Words, of: Any, at: int = 0) -> Any:
         """Return a view of the row of class ``of`` at a word."""
         return _view_class(of).from_buffer(block, 8 * at)
 

@@ -34,7 +34,8 @@ class Clock(simpy.Environment):
     priorities: a process that is interrupted or gets a resource continues before the next event of
     the rules.
 
-    Each slot has an event, for which a process waits. If the slot is given a new time, a new event
+    Each slot has one of the ``events``, for which a process waits, and which this process replaces
+    by a new one when it has been processed. If the slot is given a new time before, a new event
     replaces it and takes over its callbacks.
     """
 
@@ -82,14 +83,6 @@ class Clock(simpy.Environment):
     def nothing_before(self, key: int) -> bool:
         """Return whether no other event is scheduled for this instant, whatever its key."""
         return self.peek() > self.now
-
-    def happened(self, slot: int) -> bool:
-        """Make a new event for a slot whose event has been processed.
-
-        Returns whether it happens: it does not if it has been cancelled.
-        """
-        valid, self.events[slot] = self.events[slot].valid, Due(self)
-        return valid
 
     def run_until(self, t_us: int, key: int) -> None:
         """Let ``run_to_end`` end at a time, before the events of that instant with larger keys."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from desim_uav.model.geometry.grid import Grid
 from desim_uav.model.motion.planner import Planner, Return
-from desim_uav.rowcode.rows import Table, fill
+from desim_uav.rowcode.rows import BoundedTable, Table, fill
 from desim_uav.rules.rows import Hop, Plan
 
 NO_WAY = fill(Plan, (-1, -1, -1, 0, 0))
@@ -21,7 +21,7 @@ class Plans(dict[int, Plan]):
 
     def __init__(self, planners: Sequence[Planner], grid: Grid) -> None:
         self.planners, self.grid = planners, grid
-        self.hops: Table[Hop] = Table()
+        self.hops: Table[Hop] = BoundedTable()  # which becomes longer, so it is not copied
         self._numbers: dict[tuple[tuple[int, int, int], ...], tuple[int, int]] = {}
         nx, ny = grid.cells
         self._places = len(grid.levels_m) * nx * ny

@@ -131,19 +131,23 @@ def _energy(
 ) -> tuple[Callable[..., int], Callable[..., int]]:
     """Return the functions ``drained_us`` and ``lasts_us`` of an energy model.
 
-    ``flights`` are the transits by the identities of their rows.
+    One that does not work on rows is given ``flights``: the transits by the identities of their
+    rows.
     """
-    drained, lasts = _methods(energy, RowEnergy, ("drained_us", "lasts_us"), world)
+    if works_on_rows(energy, RowEnergy):
+        drains, lasts = (_method(energy, name, world) for name in ("drains", "lasts"))
+        return (
+            lambda own, transit, elapsed_us: drains(transit, elapsed_us),
+            lambda own, transit, battery_us: lasts(transit, battery_us),
+        )
 
-    def drained_us(own: Any, transit: Any, elapsed_us: int) -> int:
-        used: int = drained(flights.get(id(transit)) or transit_of(transit), elapsed_us)
-        return used
+    def flight(transit: Any) -> Transit:
+        return flights.get(id(transit)) or transit_of(transit)
 
-    def lasts_us(own: Any, transit: Any, battery_us: int) -> int:
-        left_us: int = lasts(flights.get(id(transit)) or transit_of(transit), battery_us)
-        return left_us
-
-    return drained_us, lasts_us
+    return (
+        lambda own, transit, elapsed_us: energy.drained_us(flight(transit), elapsed_us),
+        lambda own, transit, battery_us: energy.lasts_us(flight(transit), battery_us),
+    )
 
 
 def _charging(world: World) -> tuple[Callable[..., int], Callable[..., int]]:

@@ -157,9 +157,9 @@ class Processes:
             on_renewal(self.world, self.path, self.state)
 
     def until(self, slot: int) -> Process:
-        """Wait until the event of a slot happens."""
-        clock = self.clock
-        yield clock.events[slot]
-        while not clock.happened(slot):
-            yield clock.events[slot]
-        self.state.now_us = clock.now
+        """Wait until the event of a slot happens, which one that has been cancelled does not."""
+        events, happens = self.clock.events, False
+        while not happens:
+            yield events[slot]
+            happens, events[slot] = events[slot].valid, Due(self.clock)
+        self.state.now_us = self.clock.now
