@@ -291,7 +291,7 @@ class World(Unchanging):
         """The length of an episode, in microseconds."""
         return self.step_us * self.scenario.episode.steps
 
-    @property
+    @cached_property
     def by_event(self) -> bool:
         """Whether a drone is asked when it is free, and not at each step."""
         return self.scenario.decisions.by_event

@@ -147,8 +147,8 @@ MUTATIONS = (
     Mutation(
         "events of one instant in the order in which they were scheduled, SimPy engine",
         "engine/des/clock.py",
-        "super().schedule(event, priority, delay)",
-        "super().schedule(event, 1, delay)",
+        "_schedule(self, event, priority, delay)",
+        "_schedule(self, event, 1, delay)",
         ("engine/test_crashes.py",),
     ),
     Mutation(

@@ -45,6 +45,11 @@ class CellCommands(Alike):
         """The same; none for a single drone, whose action is a number."""
         return () if self.scenario.drone_count == 1 else self.shape_of_each
 
+    @cached_property
+    def _differ(self) -> bool:
+        """Whether types of drones differ."""
+        return bool(self.scenario.differing)
+
     # ---- of one drone
 
     def numbers(self, drone: int) -> int:
@@ -111,7 +116,7 @@ class CellCommands(Alike):
 
     def joined(self, given: Sequence[Any]) -> Any:
         """Return the indices; that of a single drone alone."""
-        if self.scenario.differing:
+        if self._differ:
             given = [self.checked(drone, one) for drone, one in enumerate(given)]
         return given if len(given) != 1 else given[0]
 

@@ -31,6 +31,8 @@ def index_of(actions: Sequence[Choice], answer: Any) -> int | None:
 
     A number need not be that of an action.
     """
+    if type(answer) is int:
+        return answer
     if isinstance(answer, Action | AtSpeed):
         return by_name(actions).get(answer.name.lower())
     try:

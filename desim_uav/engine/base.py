@@ -154,7 +154,7 @@ class RunSettings(NamedTuple):
 
     ``ceilings`` says of each drone whether it must not fly above the tallest building, and
     ``carry_over`` whether drones begin an episode as they ended the one before. ``keep_events``
-    puts events and legs into the log, and ``keep_steps`` steps (engine ``batch``: and requests).
+    puts events and legs into the log, and ``keep_steps`` steps and requests.
     """
 
     ceilings: tuple[bool, ...]

@@ -179,7 +179,7 @@ class Engine(CarryOver):
     def snapshot(self) -> Snapshot:
         """Return the snapshot of the present decision epoch."""
         state, step, actions = self.state, int(self.state.step), len(self.world.actions)
-        masks = [mask != 0 for mask in self.entries("masks")]
+        masks = tuple(map(bool, self.entries("masks")))
         self.latest = snapshot_of(
             (
                 step,
@@ -187,7 +187,7 @@ class Engine(CarryOver):
                 bool(state.terminated),
                 bool(state.truncated),
                 self.observations(),
-                tuple(tuple(masks[at : at + actions]) for at in range(0, len(masks), actions)),
+                tuple([masks[at : at + actions] for at in range(0, len(masks), actions)]),
                 tuple(self.entries("asked")),
                 tuple(self.entries("rewards")) if step else (),
                 self.terms() if step else (),
@@ -212,8 +212,8 @@ class Engine(CarryOver):
             log.crashed[:] = self.entries("crashed")
         if state.keeps_requests:
             self._log_requests()
-        if self.settings.keep_steps and state.step:
-            self._log_steps()
+            if state.step:
+                self._log_steps()
         if log.events is not None:
             for event in self.entries("events"):
                 if event.kind == ON_LEG:

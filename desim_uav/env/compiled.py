@@ -237,8 +237,9 @@ def as_counts(names: Sequence[str], values: Iterable[Any], world: World) -> list
 
     If drones are asked by event, the elapsed steps are none.
     """
+    exact = "elapsed_steps" if world.by_event else ""
     return [
-        (value + 0.0) if world.by_event and name == "elapsed_steps" else _whole(value)
+        value + 0.0 if name == exact else _whole(value)
         for name, value in zip(names, values, strict=True)
     ]
 

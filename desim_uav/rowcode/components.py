@@ -45,11 +45,13 @@ def over_rows(component: C, services: tuple[str, ...]) -> C:
         if isinstance(value, Mapping):
             table = table_of(float(value.get(name, 0.0)) for name in services)
             object.__setattr__(made, field.name, table)
-        elif type(value) is tuple and all(isinstance(one, int | float) for one in value):
+        elif type(value) in (tuple, list) and _are_numbers(value):
             object.__setattr__(made, field.name, table_of(map(float, value)))
-        elif type(value) is Table:
-            object.__setattr__(made, field.name, table_of(value))
     return made
+
+
+def _are_numbers(values: Any) -> bool:
+    return all(isinstance(one, int | float) for one in values)
 
 
 def values_of(component: Any) -> Row:
@@ -58,7 +60,7 @@ def values_of(component: Any) -> Row:
     values = []
     for field in fields(component) if is_dataclass(component) else ():
         value = getattr(component, field.name)
-        if isinstance(value, Table):
+        if isinstance(value, list) and _are_numbers(value):
             kinds.append((field.name, Table[float]))
         elif isinstance(value, bool | int | float):
             kinds.append((field.name, float if isinstance(value, float) else int))

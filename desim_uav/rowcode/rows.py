@@ -17,10 +17,11 @@ row and all its tables can therefore be copied, pickled and moved as it is.
 
 from __future__ import annotations
 
+import ctypes
 from collections import namedtuple
 from collections.abc import Iterable
-from functools import cache
-from typing import Any, ClassVar, Generic, TypeVar, get_type_hints
+from functools import cache, partial
+from typing import Any, ClassVar, Generic, Self, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +43,17 @@ Words = NDArray[np.int64]
 class Table(list[T], Generic[T]):
     """A list of rows or numbers whose length does not change.
 
-    A field may hold an array in its place: of numbers, or of rows of whole numbers.
+    ``Table(values)`` is a plain list, because indexing one of a subclass takes ten times as long. A
+    field may hold an array in its place: of numbers, or of rows of whole numbers.
     """
 
     __slots__ = ()
+
+    def __new__(cls, values: Iterable[T] = ()) -> Self:
+        """Return a list of values or, if all indices are to be checked, a ``BoundedTable``."""
+        if cls is Table:
+            return BoundedTable(values) if CHECKED else list(values)  # type: ignore[return-value]
+        return super().__new__(cls)
 
 
 class Queue(list[T], Generic[T]):
@@ -74,7 +82,7 @@ class Queue(list[T], Generic[T]):
         In compiled code it is that of this queue; in Python that of a table of a view. ``fill``
         then says how many entries are there.
         """
-        return place(entries.array), len(entries)
+        return entries.address, len(entries)
 
     def fill(self, entries: Any, count: int) -> None:
         """Replace all entries by the first ones in the memory that ``space`` has returned."""
@@ -83,7 +91,7 @@ class Queue(list[T], Generic[T]):
     def take(self, entries: Any, first: int, count: int) -> None:
         """Replace all entries by some of a table of a view, whose rows are of numbers."""
         taken = entries.array[first : first + count].tolist()
-        self[:] = map(named(self.of)._make, taken)
+        self[:] = map(maker_of(self.of), taken)
 
 
 class BoundedTable(Table[T]):
@@ -138,10 +146,8 @@ class BoundedQueue(Queue[T]):
 
 
 if CHECKED:
-    for _plain, _bounded in ((Table, BoundedTable), (Queue, BoundedQueue)):
-        for _name in ("__getitem__", "__setitem__", "pop", "insert", "remove"):
-            if _name in vars(_bounded):
-                setattr(_plain, _name, vars(_bounded)[_name])
+    for _name in ("__getitem__", "__setitem__", "pop", "insert", "remove"):
+        setattr(Queue, _name, vars(BoundedQueue)[_name])
 
 
 class Row:
@@ -255,23 +261,33 @@ def bound(*rows: Row) -> None:
             if is_row(kind):
                 bound(value)
             elif origin_of(kind):
-                bound_table(value)
+                setattr(one, name, bounded(value))
                 if is_row(held_by(kind)) and _has_tables(held_by(kind)):
                     bound(*value)
 
 
-def bound_table(table: Any) -> None:
-    """Let a table or queue check each index from now on; an array does so itself."""
-    if type(table) is Table:
-        table.__class__ = BoundedTable
-    elif type(table) is Queue:
+def bounded(table: Any) -> Any:
+    """Return a table or queue as one that checks each index; an array does so itself.
+
+    A table is copied, and a queue changed.
+    """
+    if type(table) is list:
+        return BoundedTable(table)
+    if type(table) is Queue:
         table.__class__ = BoundedQueue
+    return table
 
 
 @cache
 def named(cls: type[Row]) -> Any:
     """Return a class of tuples with the fields of a row."""
     return namedtuple(cls.__name__, list(cls.kinds))
+
+
+@cache
+def maker_of(cls: Any) -> Any:
+    """Return a function that makes such a tuple of a tuple with all its fields."""
+    return partial(tuple.__new__, named(cls))
 
 
 # ---- as memory
@@ -368,12 +384,10 @@ def place(array: NDArray[Any]) -> int:
 def address(one: Any) -> int:
     """Return the address of a row or a table in memory, which is valid in this process.
 
-    In Python, it is that of a view or an array; in compiled code, where all rows are in memory, it
-    is that of any row or table.
+    In Python, it is that of a view, the views of a table, or ``Numbers``; in compiled code, where
+    all rows are in memory, it is that of any row or table.
     """
-    if isinstance(one, np.ndarray):
-        return place(one)
-    if not one._address:
-        one._address = place(one._block) + 8 * one._at
-    found: int = one._address
+    if isinstance(one, ctypes.Structure):
+        return ctypes.addressof(one)
+    found: int = one.address
     return found

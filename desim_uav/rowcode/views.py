@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterable
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -19,35 +20,45 @@ from desim_uav.rowcode.rows import (
     is_row,
     origin_of,
     packed,
+    place,
     width_of,
     words_of,
 )
 
-# ---- blocks of memory in Python
+
+class Numbers(np.ndarray[Any, Any]):
+    """An array that keeps its ``address``, for which NumPy takes longer than for an element."""
+
+    @cached_property
+    def address(self) -> int:
+        """The address of the array's memory."""
+        return place(self)
 
 
 class Views(list[Any]):
     """The views of all rows of a table, which are also a structured ``array``."""
 
-    __slots__ = ("array",)
-
     def __init__(self, views: Iterable[Any], array: NDArray[Any]) -> None:
         super().__init__(views)
         self.array = array
 
+    @cached_property
+    def address(self) -> int:
+        """The address of the first row."""
+        return place(self.array)
 
-class View:
+
+class View(ctypes.Structure):
     """A row in a block of memory; its fields are read by name, its tables as arrays or views."""
 
-    __slots__ = ("_address", "_at", "_block", "_floats", "_kept")
+    __slots__ = ("_at", "_block", "_kept")
 
     def __new__(cls, block: Words, of: Any, at: int = 0) -> Any:
-        """Return a view of the row of class ``of`` at a word, whose fields are properties."""
-        return super().__new__(_view_class(of))
+        """Return a view of the row of class ``of`` at a word."""
+        return _view_class(of).from_buffer(block, 8 * at)
 
     def __init__(self, block: Words, of: type[Row], at: int = 0) -> None:
-        self._block, self._at, self._address = block, at, 0
-        self._floats: NDArray[np.float64] | None = None
+        self._block, self._at = block, at
         self._kept: dict[str, Any] = {}
 
 
@@ -58,32 +69,26 @@ def in_memory(one: R) -> R:
     return copied
 
 
-def _floats_of(view: Any) -> Any:
-    """Return the block of a view as floats; to make this array takes longer than to keep it."""
-    if view._floats is None:
-        view._floats = view._block.view(np.float64)
-    return view._floats
-
-
 @cache
 def _view_class(of: type[Row]) -> Any:
-    """Return the class of views of a class of rows."""
-    fields = {name: _field(of, name) for name in of.kinds}
-    return type(f"{of.__name__}View", (View,), {"__slots__": (), **fields})
+    """Return the class of views of a class of rows: numbers are fields of its structure."""
+    formats = {int: ctypes.c_int64, float: ctypes.c_double}
+    fields = [
+        (name, formats[kind]) if kind in formats else ("", ctypes.c_int64 * words_of(kind))
+        for name, kind in of.kinds.items()
+    ]
+    others = {name: _field(of, name) for name, kind in of.kinds.items() if kind not in formats}
+    return type(f"{of.__name__}View", (View,), {"__slots__": (), "_fields_": fields, **others})
 
 
 def _field(cls: type[Row], name: str) -> property:
-    """Return the property of views that reads and writes a field."""
+    """Return the property of views that reads, and writes if it is a queue, a field of rows."""
     kind, offset = cls.kinds[name], cls.places[name]
 
     def read(view: Any) -> Any:
-        block, place = view._block, view._at + offset
-        if kind is int:
-            return block.item(place)
-        if kind is float:
-            return _floats_of(view).item(place)
         if name in view._kept:
             return view._kept[name]
+        block, place = view._block, view._at + offset
         if is_row(kind):
             view._kept[name] = inner = View(block, kind, place)
             return inner
@@ -98,17 +103,12 @@ def _field(cls: type[Row], name: str) -> property:
         return entries
 
     def write(view: Any, value: Any) -> None:
-        block, place = view._block, view._at + offset
-        if kind is int:
-            block[place] = value
-        elif kind is float:
-            _floats_of(view)[place] = value
-        elif origin_of(kind) is Queue:
-            of, begin = held_by(kind), place + int(block[place]) // 8
-            written = np.array(list(value), dtype_of(of) if is_row(of) else of).view(np.int64)
-            block[place + 1], block[begin : begin + written.size] = len(value), written
-        else:
+        if origin_of(kind) is not Queue:
             raise AttributeError(f"{cls.__name__}.{name} is no number")
+        block, place, of = view._block, view._at + offset, held_by(kind)
+        begin = place + int(block[place]) // 8
+        written = np.array(list(value), dtype_of(of) if is_row(of) else of).view(np.int64)
+        block[place + 1], block[begin : begin + written.size] = len(value), written
 
     return property(read, write)
 

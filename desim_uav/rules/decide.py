@@ -37,7 +37,7 @@ def observe(world: Constants, state: State) -> None:
 
     ``orient`` must have been called before: it sets where a drone believes itself to be.
     """
-    services = world.services
+    services, counts = world.services, state.counts
     for d in range(len(state.drones)):
         drone, observation = state.drones[d], state.observations[d]
         observation.mode = drone.mode
@@ -47,11 +47,12 @@ def observe(world: Constants, state: State) -> None:
         observation.link_quality = 0.0
         if not world.radios[drone.radio].flat:
             observation.link_quality = _link_quality(world, state, drone)
-        observation.served_requests = 0
+        served, first = 0, 2 * services * d
         for k in range(services):
-            observation.served_requests += drone.served[k]
-            state.counts[2 * services * d + k] = drone.served[k]
-            state.counts[2 * services * d + services + k] = drone.asking[k]
+            served += drone.served[k]
+            counts[first + k] = drone.served[k]
+            counts[first + services + k] = drone.asking[k]
+        observation.served_requests = served
     for k in range(services):
         state.asked[k] = state.open_requests[k]
 

@@ -108,18 +108,18 @@ def measures(world: Constants, state: State) -> tuple[float, float, float]:
     Open requests count with their service so far. A measure that is not defined yet is NaN. Python
     and compiled code divide whole numbers of more than 53 bits differently, so they become floats.
     """
-    now_us, qoe1, open_now, attached = state.now_us, state.closed_qoe1, 0, 0
-    for u in range(len(state.users)):
-        user = state.users[u]
-        if user.request.number >= 0:
-            open_now += 1
-            qoe1 += done_share(state, user)
+    now_us, qoe1, users, open_now, attached = state.now_us, state.closed_qoe1, state.users, 0, 0
+    for u in range(len(users)):
+        user = users[u]
+        qoe1 += user.share if user.request.server < 0 else done_share(state, user)
+    for k in range(world.services):
+        open_now += state.open_requests[k]
     for d in range(len(state.senders)):
         attached += state.senders[d].attached_users
     open_us = state.open_us + open_now * now_us
     served_us = state.served_us + state.in_service * now_us
     attached_us = state.attached_us + attached * now_us - state.attached_from_us
-    lasted_us = len(state.users) * now_us
+    lasted_us = len(users) * now_us
     first = second = third = float("nan")
     if state.opened > 0:
         first = 100 * qoe1 / state.opened

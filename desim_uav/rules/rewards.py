@@ -183,8 +183,9 @@ def battery_weights(
 @rule
 def clear_terms(drone: Drone) -> None:
     """Set all terms of a drone's reward to 0."""
-    for k in range(len(drone.terms)):
-        drone.terms[k] = 0.0
+    terms = drone.terms
+    for k in range(len(terms)):
+        terms[k] = 0.0
 
 
 @rule
@@ -194,12 +195,12 @@ def add_up(state: State, drone: Drone) -> None:
     A reward for a whole step is weighed by the share of a step between two decision epochs. One
     that counts what has been added meanwhile (``keeps_credit``) is exact as it is.
     """
-    total = 0.0
+    terms, total = drone.terms, 0.0
     if state.share != 1.0 and not state.keeps_credit:
-        for k in range(len(drone.terms)):
-            drone.terms[k] *= state.share
-    for k in range(len(drone.terms)):
-        total += drone.terms[k]
+        for k in range(len(terms)):
+            terms[k] *= state.share
+    for k in range(len(terms)):
+        total += terms[k]
     give(state, drone, total)
 
 

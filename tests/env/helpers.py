@@ -22,8 +22,9 @@ BRITTLE: dict[str, Any] = {
 
 
 def log_steps(env: UavEnv | UavParallelEnv) -> None:
-    """Let the engine of this run keep its steps, which nobody who learns looks at."""
+    """Let the engine of this run keep steps and requests, which nobody who learns looks at."""
     engine = env.session.engine
+    engine.state.keeps_requests = 1
     engine.settings = engine.settings._replace(keep_steps=True)
 
 

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from desim_uav.env import UavEnv, UavParallelEnv, UavVectorEnv
-from tests.env.helpers import CASES, play_parallel, play_single
+from tests.env.helpers import CASES, log_steps, play_parallel, play_single
 
 OF_ALL = [
     "sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent", "seed", "world_seed",
@@ -151,7 +151,9 @@ def test_a_measure_that_does_not_exist_is_0_and_so_is_its_weight(engine: str):
 @pytest.mark.parametrize("case", ["case1", "case6", "case8"])
 def test_requests_are_counted_as_the_log_counts_them(case: str):
     env = UavParallelEnv(case, engine="des")
-    *_, last = play_parallel(env, 1, seed=0)
+    env.reset(seed=0)
+    log_steps(env)
+    *_, last = play_parallel(env, 1)
     assert last[-1]["drone_0"]["requests"] == len(env.session.engine.log.requests) > 0
 
 

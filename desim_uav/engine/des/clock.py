@@ -10,19 +10,20 @@ import simpy
 Process = Generator[simpy.Event, Any, None]
 """A generator that SimPy runs as a process."""
 
+_schedule = simpy.Environment.schedule
+
 
 class Due(simpy.Event):
-    """A SimPy event that is scheduled with a delay and a key (see ``rules.due.key``).
+    """A SimPy event that is scheduled for a time and with a key (see ``rules.due.key``).
 
     ``valid`` says that it has been scheduled and not cancelled since.
     """
 
     valid = False
 
-    def happen(self, delay_us: int, key: int) -> None:
-        """Schedule the event after a delay; ``key`` is its rank in that instant."""
-        self.delay_us, self.key, self.valid = delay_us, key, True
-        self.t_us = int(self.env.now) + delay_us
+    def happen(self, t_us: int, key: int) -> None:
+        """Schedule the event for a time; ``key`` is its rank in that instant."""
+        self.t_us, self.key, self.valid = t_us, key, True
         self.succeed()
 
 
@@ -33,53 +34,49 @@ class Clock(simpy.Environment):
     priorities: a process that is interrupted or gets a resource continues before the next event of
     the rules.
 
-    Each slot has an event for which a process waits (``wait``). If the slot is given a new time,
-    a new event replaces it and takes over its callbacks.
+    Each slot has one of the ``events``, for which a process waits, and which this process replaces
+    by a new one when it has been processed. If the slot is given a new time before, a new event
+    replaces it and takes over its callbacks.
     """
 
-    def __init__(
-        self, slots: int, after_event: Callable[[], None] | None = None, now_us: int = 0
-    ) -> None:
+    def __init__(self, slots: int, now_us: int = 0) -> None:
         super().__init__(initial_time=now_us)
-        self.after_event = after_event
-        self._events = [Due(self) for _ in range(slots)]
+        self.events = [Due(self) for _ in range(slots)]
         self._end = Due(self)
 
     def schedule(self, event: simpy.Event, priority: Any = 1, delay: Any = 0) -> None:
-        """Schedule an event; a ``Due`` has its own priority and delay."""
-        if isinstance(event, Due):
-            priority, delay = event.key, event.delay_us
-        super().schedule(event, priority, delay)
-
-    def step(self) -> None:
-        """Process the next event, and call ``after_event`` if there is one."""
-        super().step()
-        if self.after_event is not None:
-            self.after_event()
+        """Schedule an event; a ``Due`` has its own time and priority."""
+        if event.__class__ is Due:
+            priority, delay = event.key, event.t_us - self.now
+        _schedule(self, event, priority, delay)
 
     def due(self, slot: int, t_us: int, key: int) -> None:
         """Schedule the event of a slot for a time; ``key`` is its rank in that instant."""
-        event = self._events[slot]
+        event = self.events[slot]
         if event.triggered:
-            before, event = event, Due(self)
-            if not before.processed:
-                event.callbacks, before.callbacks = before.callbacks, []
-            self._events[slot] = event
-        event.happen(t_us - int(self.now), key)
+            event = self.events[slot] = self._in_place_of(event)
+        event.happen(t_us, key)
+
+    def _in_place_of(self, before: Due) -> Due:
+        """Return a new event, for which those wait from now on who have waited for another one."""
+        event = Due(self)
+        if not before.processed:
+            event.callbacks, before.callbacks = before.callbacks, []
+        return event
 
     def undo(self, slot: int) -> None:
         """Cancel the event of a slot, if one is scheduled."""
-        self._events[slot].valid = False
+        self.events[slot].valid = False
 
     def clear(self) -> None:
         """Cancel the events of all slots."""
-        for event in self._events:
+        for event in self.events:
             event.valid = False
 
     def scheduled(self) -> tuple[tuple[int, int, int], ...]:
         """Return the slot, time and key of each event that is scheduled, by time and key."""
         happen = [
-            (event.t_us, event.key, slot) for slot, event in enumerate(self._events) if event.valid
+            (event.t_us, event.key, slot) for slot, event in enumerate(self.events) if event.valid
         ]
         return tuple([(slot, t_us, key) for t_us, key, slot in sorted(happen)])
 
@@ -87,20 +84,10 @@ class Clock(simpy.Environment):
         """Return whether no other event is scheduled for this instant, whatever its key."""
         return self.peek() > self.now
 
-    def wait(self, slot: int) -> Process:
-        """Wait until the event of a slot happens."""
-        happened = False
-        while not happened:
-            yield self._events[slot]
-            happened = self._events[slot].valid  # the event may be a new one
-            self._events[slot] = Due(self)
-
     def run_until(self, t_us: int, key: int) -> None:
         """Let ``run_to_end`` end at a time, before the events of that instant with larger keys."""
-        before, self._end = self._end, Due(self)
-        if not before.processed:
-            self._end.callbacks, before.callbacks = before.callbacks, []
-        self._end.happen(t_us - int(self.now), key)
+        self._end = self._in_place_of(self._end)
+        self._end.happen(t_us, key)
 
     def run_to_end(self) -> None:
         """Run all events before the end, which they may bring forward."""
@@ -109,5 +96,18 @@ class Clock(simpy.Environment):
     def run_before(self, t_us: int, key: int) -> None:
         """Run all events before time ``t_us``, and those of that instant with smaller keys."""
         end = Due(self)
-        end.happen(t_us - int(self.now), key)
+        end.happen(t_us, key)
         self.run(until=end)
+
+
+class AuditedClock(Clock):
+    """A clock that calls a function after each event."""
+
+    def __init__(self, slots: int, after_event: Callable[[], None], now_us: int = 0) -> None:
+        super().__init__(slots, now_us)
+        self.after_event = after_event
+
+    def step(self) -> None:
+        """Process the next event, and call ``after_event``."""
+        super().step()
+        self.after_event()

@@ -6,37 +6,34 @@ from collections.abc import Sequence
 
 from desim_uav.model.geometry.grid import Grid
 from desim_uav.model.motion.planner import Planner, Return
-from desim_uav.rowcode.rows import Table, fill
+from desim_uav.rowcode.rows import BoundedTable, Table, fill
 from desim_uav.rules.rows import Hop, Plan
 
 NO_WAY = fill(Plan, (-1, -1, -1, 0, 0))
 """The plan of a place from which there is no way to a station."""
 
 
-class Plans:
-    """The planned returns from all places, in the order of ``Constants.plans``.
+class Plans(dict[int, Plan]):
+    """The planned returns from all places, by their numbers as in ``Constants.plans``.
 
     They are those of each planner in turn.
     """
 
     def __init__(self, planners: Sequence[Planner], grid: Grid) -> None:
         self.planners, self.grid = planners, grid
-        self.hops: Table[Hop] = Table()
-        self._plans: dict[int, Plan] = {}
+        self.hops: Table[Hop] = BoundedTable()  # which becomes longer, so it is not copied
         self._numbers: dict[tuple[tuple[int, int, int], ...], tuple[int, int]] = {}
         nx, ny = grid.cells
         self._places = len(grid.levels_m) * nx * ny
 
-    def __getitem__(self, number: int) -> Plan:
-        """Return the plan with this number."""
-        plan = self._plans.get(number)
-        if plan is None:
-            half, place = divmod(number, self._places)
-            of, ceiling = divmod(half, 2)
-            column, y = divmod(place, self.grid.cells[1])
-            level, x = divmod(column, self.grid.cells[0])
-            back = self.planners[of].plan((x, y, level), bool(ceiling))
-            plan = self._plans[number] = self._row(back)
+    def __missing__(self, number: int) -> Plan:
+        """Return the plan with a number that is not known yet."""
+        half, place = divmod(number, self._places)
+        of, ceiling = divmod(half, 2)
+        column, y = divmod(place, self.grid.cells[1])
+        level, x = divmod(column, self.grid.cells[0])
+        back = self.planners[of].plan((x, y, level), bool(ceiling))
+        plan = self[number] = self._row(back)
         return plan
 
     def numbered(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:

@@ -21,7 +21,7 @@ from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.components import over_rows, works_on_rows
 from desim_uav.rules.admission import admit, turn_away
 from desim_uav.rules.rewards import add_up, clear_terms, give
-from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow
+from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.world import World
 
 
@@ -132,19 +132,23 @@ def _energy(
 ) -> tuple[Callable[..., int], Callable[..., int]]:
     """Return the functions ``drained_us`` and ``lasts_us`` of an energy model.
 
-    ``flights`` are the transits by the identities of their rows.
+    One that does not work on rows is given ``flights``: the transits by the identities of their
+    rows.
     """
-    drained, lasts = _methods(energy, RowEnergy, ("drained_us", "lasts_us"), world)
+    if works_on_rows(energy, RowEnergy):
+        drains, lasts = (_method(energy, name, world) for name in ("drains", "lasts"))
+        return (
+            lambda own, transit, elapsed_us: drains(transit, elapsed_us),
+            lambda own, transit, battery_us: lasts(transit, battery_us),
+        )
 
-    def drained_us(own: TypeRow, transit: TransitRow, elapsed_us: int) -> int:
-        used: int = drained(flights.get(id(transit)) or transit_of(transit), elapsed_us)
-        return used
+    def flight(transit: Any) -> Transit:
+        return flights.get(id(transit)) or transit_of(transit)
 
-    def lasts_us(own: TypeRow, transit: TransitRow, battery_us: int) -> int:
-        left_us: int = lasts(flights.get(id(transit)) or transit_of(transit), battery_us)
-        return left_us
-
-    return drained_us, lasts_us
+    return (
+        lambda own, transit, elapsed_us: energy.drained_us(flight(transit), elapsed_us),
+        lambda own, transit, battery_us: energy.lasts_us(flight(transit), battery_us),
+    )
 
 
 def _charging(world: World) -> tuple[Callable[..., int], Callable[..., int]]:

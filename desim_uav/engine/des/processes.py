@@ -28,6 +28,7 @@ class Processes:
         self.world, self.path, self.state = world, path, state
         self.pads = [simpy.Resource(clock, world.pads) for _ in state.stations]
         self.commands = [Due(clock) for _ in state.drones]
+        self.begun = Due(clock)
         self.pad_requests: dict[int, Any] = {}
 
     def begin(self) -> None:
@@ -45,16 +46,23 @@ class Processes:
             self.clock.process(self.service(user))
             if self.state.by_level:
                 self.clock.process(self.levels(user))
+        self.clock.process(self.step())
         self.clock.process(self.attachment())
         if self.state.pairs:
             self.clock.process(self.separation())
         if self.state.renews:
             self.clock.process(self.points())
 
-    def tell(self, drone: int) -> None:
-        """Schedule the action of a drone that waits for its command, in this instant."""
-        command, self.commands[drone] = self.commands[drone], Due(self.clock)
-        command.happen(0, due.key(words.COMMAND, drone, -1))
+    def tell(self) -> None:
+        """Schedule, in this instant, the actions of drones that wait for their commands."""
+        now_us = self.state.now_us
+        for drone in self.state.drones:
+            if drone.waits:
+                command = self.commands[drone.index]
+                self.commands[drone.index] = Due(self.clock)
+                command.happen(now_us, due.key(words.COMMAND, drone.index, -1))
+        begun, self.begun = self.begun, Due(self.clock)
+        begun.happen(now_us, due.key(words.COVERAGE, -1, -1))
 
     def drone(self, drone: Drone) -> Process:
         """Obey a command; fly, return, queue and charge; after a crash, wait to be replaced."""
@@ -77,7 +85,7 @@ class Processes:
         world, state, phase = self.world, self.state, words.ARRIVAL
         with self.pad_requests.pop(drone.index, None) or self.pads[station].request() as pad:
             yield pad
-            self.set_time()
+            state.now_us = self.clock.now
             if drone.mode == words.QUEUED:
                 phase = begin_charging(world, state, drone, station)
             if await_full(world, state, drone):
@@ -87,58 +95,71 @@ class Processes:
 
     def battery(self, drone: Drone) -> Process:
         """Let the drone crash whenever its battery is empty."""
+        slot = due.depletion_slot(self.state, drone.index)
         while True:
-            yield from self.until(due.depletion_slot(self.state, drone.index))
+            yield from self.until(slot)
             crash(self.world, self.path, self.state, drone)
             self.drones[drone.index].interrupt()
 
     def footprint(self, drone: Drone) -> Process:
         """Let users enter and leave the footprint."""
+        slot = due.crossing_slot(self.state, drone.index)
         while True:
-            yield from self.until(due.crossing_slot(self.state, drone.index))
+            yield from self.until(slot)
             on_crossing(self.world, self.path, self.state, drone)
 
     def user(self, user: User) -> Process:
         """Make the user's requests, one after the other."""
+        slot = due.ask_slot(self.state, user.index)
         while True:
-            yield from self.until(due.ask_slot(self.state, user.index))
+            yield from self.until(slot)
             on_request(self.world, self.path, self.state, user)
 
     def service(self, user: User) -> Process:
         """Complete each of the user's requests when it has been served for the required time."""
+        slot = due.completion_slot(self.state, user.index)
         while True:
-            yield from self.until(due.completion_slot(self.state, user.index))
+            yield from self.until(slot)
             on_completion(self.world, self.path, self.state, user)
 
     def levels(self, user: User) -> Process:
         """Hand the user over to drones that it receives better."""
+        slot = due.association_slot(self.state, user.index)
         while True:
-            yield from self.until(due.association_slot(self.state, user.index))
+            yield from self.until(slot)
             on_turn(self.world, self.path, self.state, user)
+
+    def step(self) -> Process:
+        """Attach users and admit requests once all drones have begun what they are told."""
+        while True:
+            yield self.begun
+            settle(self.world, self.path, self.state, words.COVERAGE, words.ADMISSION)
 
     def attachment(self) -> Process:
         """Attach users and admit requests at the end of each instant that requires it."""
+        slot = due.settle_slot(self.state)
         while True:
-            yield from self.until(due.settle_slot(self.state))
+            yield from self.until(slot)
             settle(self.world, self.path, self.state, words.ATTACHMENT, words.ATTACHMENT)
 
     def separation(self) -> Process:
         """Let pairs of drones come too near to each other, and part again."""
+        slot = due.separation_slot(self.state)
         while True:
-            yield from self.until(due.separation_slot(self.state))
+            yield from self.until(slot)
             on_separation(self.world, self.state)
 
     def points(self) -> Process:
         """Let the access points serve on between two decision epochs."""
+        slot = due.renewal_slot(self.state)
         while True:
-            yield from self.until(due.renewal_slot(self.state))
+            yield from self.until(slot)
             on_renewal(self.world, self.path, self.state)
 
     def until(self, slot: int) -> Process:
-        """Wait until the event of a slot happens."""
-        yield from self.clock.wait(slot)
-        self.set_time()
-
-    def set_time(self) -> None:
-        """Set the time in the state to that of the clock."""
+        """Wait until the event of a slot happens, which one that has been cancelled does not."""
+        events, happens = self.clock.events, False
+        while not happens:
+            yield events[slot]
+            happens, events[slot] = events[slot].valid, Due(self.clock)
         self.state.now_us = self.clock.now

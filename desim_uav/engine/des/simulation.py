@@ -9,7 +9,7 @@ import numpy as np
 
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
-from desim_uav.engine.des.clock import Clock
+from desim_uav.engine.des.clock import AuditedClock, Clock
 from desim_uav.engine.des.free import set_free
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import own_over_rows, set_components
@@ -21,13 +21,13 @@ from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.demand.asking import DRAWN, Requests
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.rowcode.rows import Table, blank, bound, fill
+from desim_uav.rowcode.rows import Table, blank, bound, maker_of
+from desim_uav.rowcode.views import Numbers
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
 from desim_uav.rules.rows import Ask, Constants, Path, State
-from desim_uav.rules.settle import settle
 from desim_uav.rules.walks import look_anew
-from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN
+from desim_uav.rules.words import RESPAWN
 from desim_uav.sample_path import SamplePath
 from desim_uav.typed import typed
 from desim_uav.world import World
@@ -98,7 +98,6 @@ class Simulation(Engine):
     def _state(self) -> LiveState:
         """Return a new state."""
         state = state_of(self.world, self.settings, Buffers(), LiveState)
-        state.keeps_requests = 1
         state.named_terms, state.observed = (), self.observations
         state.find_users = self._find_users
         state.sky = self._skies.first()
@@ -130,10 +129,13 @@ class Simulation(Engine):
 
     def _start_clock(self, now_us: int) -> None:
         """Make a new event queue, in which nothing is scheduled yet."""
-        after_event = None if self.audit is None else self._after_event
         if self._bounds:
             bound(self.constants, self.own_path, self.state)
-        self.clock = self.state.clock = Clock(slots(self.state), after_event, now_us)
+        if self.audit is None:
+            self.clock = Clock(slots(self.state), now_us)
+        else:
+            self.clock = AuditedClock(slots(self.state), self._after_event, now_us)
+        self.state.clock = self.clock
         self._processes = Processes(self.clock, self.constants, self.own_path, self.state)
 
     def _start_processes(self) -> None:
@@ -173,18 +175,13 @@ class Simulation(Engine):
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the end of the episode."""
         self.hear(commands)
-        world, state, processes = self.constants, self.state, self._processes
+        world, state = self.constants, self.state
         state.events.clear()
         state.closed.clear()
         state.handovers.clear()
         state.flown.clear()
         hear(world, self.own_path, state)
-        for drone in state.drones:
-            if drone.waits:
-                processes.tell(drone.index)
-        self.clock.run_before(state.now_us, key(COVERAGE, -1, -1))
-        settle(world, self.own_path, state, COVERAGE, ADMISSION)
-        self._after_event()
+        self._processes.tell()
         self.clock.run_to_end()
         state.now_us = int(self.clock.now)
         end_step(world, self.own_path, state)
@@ -211,14 +208,14 @@ class Simulation(Engine):
         made: Any = blank(Path)
         requests, walks = path.requests, path.walks
         if requests is not self._asks[0]:
-            asks = Table(fill(Ask, row) for row in requests.rows[:, :DRAWN].tolist())
+            asks = Table(map(maker_of(Ask), requests.rows[:, :DRAWN].tolist()))
             drawn = Table(requests.rows[:, DRAWN:].reshape(-1).tolist())
             self._asks = requests, asks, drawn
         _, made.asks, made.drawn = self._asks
         made.asks_at = Table(requests.offsets.tolist())
-        made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1)
-        made.legs_at = np.ascontiguousarray(walks.offsets, np.int64)
-        made.link_key = np.ascontiguousarray(path.link_key).view(np.int64)
+        made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1).view(Numbers)
+        made.legs_at = np.ascontiguousarray(walks.offsets, np.int64).view(Numbers)
+        made.link_key = np.ascontiguousarray(path.link_key).view(np.int64).view(Numbers)
         made.after_previous = int(requests.after_previous)
         made.respawns = Table(path.respawn.reshape(-1).tolist())
         made.respawns_drawn = path.respawn.shape[1]

@@ -12,7 +12,7 @@ from desim_uav.engine.sky import enlarged, scene_of, sky_of
 from desim_uav.model.mobility.walks import Walks
 from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.marks import compiled_chance
-from desim_uav.rowcode.rows import address, place
+from desim_uav.rowcode.rows import address
 from desim_uav.rowcode.views import in_memory
 from desim_uav.rules.rows import State
 from desim_uav.sky import links
@@ -75,7 +75,7 @@ class Skies:
             while count > room:
                 self._enlarge(state(), self._room._replace(changes=2 * count))
                 changes = state().sky.changes
-                out, room = place(changes.array), self._room.changes
+                out, room = changes.address, self._room.changes
                 count = kernel(scene, address(state().sky), out, room, *others)
             return count
 
