@@ -50,7 +50,11 @@ def newcomer(seconds: float) -> None:
     env = gymnasium.make("desim_uav/Case8-v0")
     _, info = env.reset(seed=0)
     played(env, rng, 1)
-    print(f"first step after {time.perf_counter() - begun:.1f} s", flush=True)
+    print(
+        f"first step after {time.perf_counter() - begun:.1f} s "
+        f"({time.process_time():.1f} s of processor time)",
+        flush=True,
+    )
     steps, spent = 0, 0.0
     while not info["compiled"]:
         spent += played(env, rng, 100)

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -126,8 +126,8 @@ class Ahead:
         """Return whether the process that this one has started is at work."""
         return self.process is not None and self.process.poll() is None
 
-    def has_news(self, worlds: Sequence[World]) -> bool:
-        """Have the code for these worlds compiled, unless somebody is at it.
+    def has_news(self, worlds: Callable[[], Sequence[World]]) -> bool:
+        """Have the code for some worlds compiled, unless somebody is at it.
 
         Returns whether a process that compiled has ended, so that the code may be on disk now.
         """
@@ -153,7 +153,7 @@ class Ahead:
             lock.file.close()
             self._give_up()
         else:
-            self._begin(lock, worlds)
+            self._begin(lock, worlds())
         return lock is not None and before
 
     def found(self) -> None:
@@ -168,21 +168,28 @@ class Ahead:
         )
 
     def _begin(self, lock: Lock, worlds: Sequence[World]) -> None:
-        """Start the process."""
+        """Start the process, or give up if the worlds cannot be told to it."""
         self.tries += 1
-        own, its = socket.socketpair()
-        with lock.file, its, tempfile.TemporaryFile() as told:
-            pickle.dump(sys.path, told)
-            pickle.dump([(world.scenario, world.seed) for world in worlds], told)
-            told.seek(0)
+        try:
+            told = pickle.dumps([(world.scenario, world.seed) for world in worlds])
+            self._start(lock, pickle.dumps(sys.path) + told)
+        except (OSError, pickle.PicklingError, AttributeError, TypeError):
+            lock.file.close()
+            self._forget()
+            self._give_up()
+
+    def _start(self, lock: Lock, told: bytes) -> None:
+        self.line, its = socket.socketpair()
+        with lock.file, its, tempfile.TemporaryFile() as file:
+            file.write(told)
+            file.seek(0)
             program = [sys.executable, "-c", PROGRAM, str(its.fileno())]
             passed = (its.fileno(), lock.file.fileno())
             nowhere = subprocess.DEVNULL
             self.process = subprocess.Popen(
-                program, stdin=told, stdout=nowhere, stderr=nowhere, pass_fds=passed
+                program, stdin=file, stdout=nowhere, stderr=nowhere, pass_fds=passed
             )
             lock.name(self.process.pid)
-        self.line = own
 
     def _forget(self) -> None:
         if self.line is not None:

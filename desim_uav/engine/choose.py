@@ -95,7 +95,9 @@ def faster(name: str, engine: Engine) -> Engine:
     return found
 
 
-def instead_of(engine: Engine, later: Sequence[World] = ()) -> BatchSimulation | None:
+def instead_of(
+    engine: Engine, later: Callable[[], Sequence[World]] = tuple
+) -> BatchSimulation | None:
     """Return a new compiled engine for the world of a SimPy engine, if its code is on disk by now.
 
     So must be that for the worlds that come ``later``. If it is not, see to it that another process
@@ -103,10 +105,13 @@ def instead_of(engine: Engine, later: Sequence[World] = ()) -> BatchSimulation |
     """
     from desim_uav.engine.des import Simulation
 
-    worlds = [engine.world, *later]
-    if not isinstance(engine, Simulation) or any(world in _SIMPY_ONLY for world in worlds):
+    if not isinstance(engine, Simulation) or engine.world in _SIMPY_ONLY:
         return None
-    return on_disk(worlds, engine.settings) if AHEAD.has_news(worlds) else None
+
+    def worlds() -> Sequence[World]:
+        return [engine.world, *later()]
+
+    return on_disk(worlds(), engine.settings) if AHEAD.has_news(worlds) else None
 
 
 def look_ahead(name: str, world: World) -> None:
@@ -117,7 +122,7 @@ def look_ahead(name: str, world: World) -> None:
     from desim_uav.engine.compiled import loop
 
     if name == "auto" and first_of(world) == "auto" and not compiled_before(loop.run):
-        AHEAD.has_news([world])
+        AHEAD.has_news(lambda: [world])
 
 
 def first_of(world: World, keep_events: bool = False, observed: bool = False) -> str:

@@ -289,5 +289,5 @@ def faster(session: Session) -> Session:
     """
     if not session.chooses or isinstance(session, CompiledSession):
         return session
-    found = instead_of(session.engine, later(session))
+    found = instead_of(session.engine, partial(later, session))
     return session if found is None else CompiledSession.instead_of(session, found)

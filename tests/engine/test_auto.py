@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext, suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -163,7 +164,7 @@ class TestItChangesBetweenEpisodes:
     def test_a_curriculum_waits_for_the_code_of_all_its_stages(self, comes: Any, monkeypatch: Any):
         comes(False)
         asked: list[int] = []
-        news = lambda self, worlds: asked.append(len(worlds)) or False  # noqa: E731
+        news = lambda self, worlds: asked.append(len(worlds())) or False  # noqa: E731
         monkeypatch.setattr(Ahead, "has_news", news)
         env = UavEnv("case8", CONFIG, curriculum=[(2, {"users.count": 20})])
         env.reset(seed=0)
@@ -235,7 +236,7 @@ class TestWhatOnlyOneEngineHas:
 
 class TestOneCompiler:
     def test_is_started_once(self, starts: Any, monkeypatch: Any):
-        one, other, worlds = starts(), starts(), [case8()]
+        one, other, worlds = starts(), starts(), list
         assert not one.has_news(worlds) and one.works()
         assert not other.has_news(worlds)
         assert other.process is None and other.waits_for_another
@@ -251,7 +252,7 @@ class TestOneCompiler:
         assert one.has_news(worlds) and one.process is None
 
     def test_is_not_started_for_ever(self, starts: Any, capsys):
-        one, worlds = starts(seconds=0), [case8()]
+        one, worlds = starts(seconds=0), list
         for _ in range(TRIES):
             assert not one.has_news(worlds)
             one.process.wait()
@@ -264,7 +265,7 @@ class TestOneCompiler:
     def test_is_not_started_if_that_is_switched_off(self, starts: Any, monkeypatch: Any):
         monkeypatch.setenv(SWITCH, "0")
         one = starts()
-        assert not one.has_news([case8()]) and one.process is None
+        assert not one.has_news(list) and one.process is None
         monkeypatch.setattr(choose, "AHEAD", one)
         monkeypatch.setattr(choose, "compiled_before", lambda kernel: False)
         look_ahead("auto", case8())
@@ -279,10 +280,16 @@ class TestOneCompiler:
         else:
             (folder / Lock.NAME).write_text("mine")
         one = starts()
-        assert not one.has_news([case8()])
+        assert not one.has_news(list)
         assert one.gave_up and one.process is None
         if how == "somebody's file":
             assert (folder / Lock.NAME).read_text() == "mine"
+
+    def test_is_not_started_for_what_cannot_be_told_to_it(self, starts: Any, capsys):
+        one, unknown = starts(), SimpleNamespace(scenario=lambda: 0, seed=0)
+        assert not one.has_news(lambda: [unknown])
+        assert one.gave_up and one.process is None and ahead.at_work() is None
+        assert "engine='batch'" in capsys.readouterr().err
 
     @pytest.mark.parametrize("end", ["killed", "interrupted", "over"])
     def test_ends_with_a_process_that_is_stopped_and_not_with_one_that_ends(
@@ -294,7 +301,7 @@ class TestOneCompiler:
             "from pathlib import Path\n"
             "ahead.folder = lambda: Path(sys.argv[1])\n"
             f"ahead.PROGRAM = {ASLEEP.format(seconds=20)!r}\n"
-            "ahead.AHEAD.has_news([])\n"
+            "ahead.AHEAD.has_news(list)\n"
             "print(ahead.AHEAD.process.pid, flush=True)\n"
             f"time.sleep({0 if end == 'over' else 60})\n"
         )
