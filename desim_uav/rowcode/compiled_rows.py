@@ -22,6 +22,7 @@ from desim_uav.rowcode.numba_parts import (
     types,
 )
 from desim_uav.rowcode.numba_parts import address_of as machine_code
+from desim_uav.rowcode.options import overload
 from desim_uav.rowcode.rows import (
     Queue,
     Row,
@@ -39,7 +40,6 @@ lower_builtin: Any = extending.lower_builtin
 lower_getattr_generic: Any = extending.lower_getattr_generic
 lower_setattr_generic: Any = extending.lower_setattr_generic
 models: Any = extending.models
-overload: Any = extending.overload
 register_model: Any = extending.register_model
 type_callable: Any = extending.type_callable
 
