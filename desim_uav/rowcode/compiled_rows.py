@@ -476,7 +476,7 @@ def address_of(kernel: Any, *classes: Any, owner: str = "") -> int:
     The kernel is compiled if necessary. The address is valid in this process only, and for ``call``
     and the like. ``owner`` is the component of one's own that the kernel is of, or empty.
     """
-    numbers = {int: I64, float: F64}
+    numbers = {int: I64, float: F64, bool: types.boolean}
     arguments = tuple(Pointer(cls, owner) if is_row(cls) else numbers[cls] for cls in classes)
     return machine_code(kernel, arguments)
 

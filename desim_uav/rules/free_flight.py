@@ -1,8 +1,6 @@
 """Free flight: the leg of a command, and the way home round obstacles, leg by leg.
 
-The functions ``steer``, ``home_leg`` and ``look_home`` are called by their addresses in the
-constants. Arrays of a space, such as its obstacles, are made by functions of which each engine has
-its own.
+Arrays of a space, such as its obstacles, are made by functions of which each engine has its own.
 """
 
 from __future__ import annotations
@@ -22,7 +20,7 @@ from desim_uav.model.motion.space import Ways
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import US
 from desim_uav.rowcode.compiled_rows import call_for_int
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import is_limited, type_of
 from desim_uav.rules.coverage import silence
@@ -191,13 +189,13 @@ def wish(world: Constants, state: State, drone: Drone) -> None:
             drone.command = k
 
 
-@rare_rule
+@apart
 def fly_freely(world: Constants, path: Path, state: State, drone: Drone, flies: bool) -> None:
     """Begin a step of serving flight: the leg of the command if the drone ``flies``, or a hover."""
     course, transit = drone.course, words.REST
     course.blocked = 0
     if flies:
-        transit = call_for_int(world.steer, (world, state, drone))
+        transit = steer(world, state, drone)
     gives_way = world.gives_way and transit != words.REST
     if gives_way and must_wait(world, state, drone, transit):
         course.blocked, transit = 1, words.REST
@@ -227,7 +225,7 @@ def rest(drone: Drone) -> None:
 # ---- the way home
 
 
-@rare_rule
+@apart
 def turn_back_freely(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Stop serving; the return is planned from where the drone is."""
     set_out(world, state, drone, words.RETURNING, words.REST)
@@ -238,11 +236,11 @@ def turn_back_freely(world: Constants, path: Path, state: State, drone: Drone) -
     drone.hopping = 0
 
 
-@rare_rule
+@apart
 def fly_home_freely(world: Constants, state: State, drone: Drone, phase: int) -> bool:
     """Begin the next leg of a return; return False if the drone has reached a station instead."""
     drone.hopping = 0
-    transit = call_for_int(world.home_leg, (world, state, drone))
+    transit = home_leg(world, state, drone)
     if transit == words.REST:
         return False
     set_out(world, state, drone, words.RETURNING, transit)
@@ -288,7 +286,7 @@ def _move(course: Course, to: Point) -> None:
     course.x1_m, course.y1_m, course.z1_m = course.x0_m, course.y0_m, course.z0_m
 
 
-@rule
+@apart
 def look_home(world: Constants, state: State, drone: Drone) -> None:
     """Write the return from where a drone is into ``course.home``; its station is -1 if none is.
 

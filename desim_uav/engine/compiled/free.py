@@ -1,4 +1,4 @@
-"""Free flight in the compiled engine: functions of their own, and arrays over rows."""
+"""Free flight in the compiled engine: arrays over rows."""
 
 from __future__ import annotations
 
@@ -8,39 +8,9 @@ from desim_uav.model.geometry.prisms import Prisms
 from desim_uav.model.geometry.roads import Roads
 from desim_uav.model.motion.limits import Limits
 from desim_uav.model.motion.space import Ways
-from desim_uav.rowcode.compiled_rows import address_of, as_array
-from desim_uav.rowcode.kernels import kernel, stands_in_for
+from desim_uav.rowcode.compiled_rows import as_array
+from desim_uav.rowcode.kernels import stands_in_for
 from desim_uav.rules import free_flight as seam
-from desim_uav.rules.rows import Constants, Drone, State
-
-
-@kernel
-def steer(world: Constants, state: State, drone: Drone) -> int:
-    """Begin the leg of a command (see ``rules.free_flight.steer``)."""
-    return seam.steer(world, state, drone)
-
-
-@kernel
-def home_leg(world: Constants, state: State, drone: Drone) -> int:
-    """Begin the next leg of a return (see ``rules.free_flight.home_leg``)."""
-    return seam.home_leg(world, state, drone)
-
-
-@kernel
-def look_home(world: Constants, state: State, drone: Drone) -> None:
-    """Look for the way home (see ``rules.free_flight.look_home``)."""
-    seam.look_home(world, state, drone)
-
-
-def set_free(constants: Any) -> None:
-    """Write the addresses of the functions of free flight."""
-    arguments = (Constants, State, Drone)
-    constants.steer = address_of(steer, *arguments)
-    constants.home_leg = address_of(home_leg, *arguments)
-    constants.look_home = address_of(look_home, *arguments)
-
-
-# ---- arrays over rows
 
 
 @stands_in_for(seam.prisms_of)

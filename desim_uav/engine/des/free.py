@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 
 from desim_uav.model.motion.motion import Transit
-from desim_uav.rules.free_flight import home_leg, look_home, steer
 from desim_uav.world import World
 
 
 def set_free(constants: Any, world: World) -> None:
-    """Set what the constants have for free flight: spaces as they are, and functions."""
+    """Set what the constants have for free flight: spaces as they are."""
     constants.spaces = [own.space if own.free else None for own in world.types]
-    constants.steer, constants.home_leg, constants.look_home = steer, home_leg, look_home
 
 
 def transit_of(flight: Any) -> Transit:
