@@ -187,9 +187,8 @@ def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
         yield f"the default of {name}", value
     if function in STANDS_IN:
         yield "what stands in for it", STANDS_IN[function]
-    elif function not in APART and not str(function.__module__).startswith(OURS):
-        if overloads := overloads_of(function):
-            yield OVERLOADS, overloads
+    elif _may_have_overloads(function) and (overloads := overloads_of(function)):
+        yield OVERLOADS, overloads
     outside = {
         name: cell.cell_contents
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True)
@@ -206,6 +205,11 @@ def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
             yield from (_in_module_of_ours if ours else _in_module)(code, name, value)
         else:
             yield name, value
+
+
+def _may_have_overloads(function: FunctionType) -> bool:
+    """Return whether a function may have overloads that are not known by other means."""
+    return function not in APART and not str(function.__module__).startswith(OURS)
 
 
 OVERLOADS = "its overloads"

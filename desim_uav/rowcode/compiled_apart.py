@@ -7,6 +7,7 @@ process that it finds by its name. While the cell is 0, compiled code has Python
 from __future__ import annotations
 
 import _thread
+import threading
 from collections.abc import Callable
 from ctypes import CFUNCTYPE, addressof, c_int64, c_void_p, cast
 from types import FunctionType
@@ -55,10 +56,13 @@ class Cell:
         return [*hints.values(), result]
 
     def fill(self) -> None:
-        """Compile the function. Raises Numba's errors."""
-        if not self.value.value:
-            self.value.value = address_of(self.compiled(), *self.kinds[:-1])
+        """Compile the function, once for all threads. Raises Numba's errors."""
+        with _LOCK:
+            if not self.value.value:
+                self.value.value = address_of(self.compiled(), *self.kinds[:-1])
 
+
+_LOCK = threading.Lock()
 
 _CELLS: dict[int, Cell] = {}
 """All cells, by the addresses of their numbers."""

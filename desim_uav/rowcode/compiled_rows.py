@@ -31,6 +31,7 @@ from desim_uav.rowcode.rows import (
     held_by,
     is_row,
     layout_of,
+    shaped,
     width_of,
 )
 
@@ -542,6 +543,14 @@ def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
 
 
 as_array: Any = intrinsic(_as_array)
+
+
+@overload(shaped)
+def _of_shaped(entries: Any, shape: Any) -> Any:
+    def made(entries: Any, shape: Any) -> Any:
+        return as_array(entries, shape)
+
+    return made
 
 
 def entries_at(of: Any, owner: str = "") -> Any:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import owned, usable
 from desim_uav.engine.base import Carried, RunSettings
-from desim_uav.engine.compiled import calls, free, loop  # noqa: F401
+from desim_uav.engine.compiled import calls, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.pack import begun_words, legs_of_step, pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
