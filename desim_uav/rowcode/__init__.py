@@ -9,8 +9,8 @@ packages use these names:
   ``address``, ``bound`` and ``held_by`` make rows, read and write them.
 - ``views``: ``View``, ``in_memory``, ``array_of`` and ``dtype_of`` read and write rows in blocks of
   memory.
-- ``kernels``: ``rule``, ``rare_rule``, ``kernel``, ``maker`` and ``part`` say how a function is
-  compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder``,
+- ``kernels``: ``rule``, ``rare_rule``, ``apart``, ``kernel``, ``maker`` and ``part`` say how a
+  function is compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder``,
   ``compiled_before`` and ``only_from_disk`` are about the machine code that is kept on disk.
 - ``compiled_rows``: ``pointer_to``, ``address_of``, ``call`` and its typed variants call a compiled
   function at an address; ``entries_at``, ``as_array`` and ``place_of`` reach into rows.

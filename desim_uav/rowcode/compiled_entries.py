@@ -19,7 +19,6 @@ from desim_uav.rowcode.compiled_types import (
     lower_builtin,
     moved,
     number_at,
-    overload,
     type_callable,
     type_of,
 )
@@ -31,6 +30,7 @@ from desim_uav.rowcode.numba_parts import (
     signature,
     types,
 )
+from desim_uav.rowcode.options import overload
 from desim_uav.rowcode.rows import is_row, width_of
 
 # ---- entries

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import extending
-
 from desim_uav.rowcode.bounds import CHECKED
 from desim_uav.rowcode.compiled_entries import set_spare, set_word, spare, word
 from desim_uav.rowcode.compiled_rows import as_array, place_of
@@ -19,11 +17,8 @@ from desim_uav.rowcode.numba_parts import (
     signature,
     types,
 )
+from desim_uav.rowcode.options import overload_attribute, overload_method
 from desim_uav.rowcode.rows import width_of
-
-overload_attribute: Any = extending.overload_attribute
-overload_method: Any = extending.overload_method
-
 
 # ---- methods whose indices are checked where they are called, so that a fault has its line
 

@@ -12,7 +12,6 @@ from desim_uav.rowcode.compiled_types import (
     Pointer,
     intrinsic,
     number_at,
-    overload,
 )
 from desim_uav.rowcode.numba_parts import address_of as machine_code
 from desim_uav.rowcode.numba_parts import (
@@ -20,7 +19,8 @@ from desim_uav.rowcode.numba_parts import (
     populate_array,
     types,
 )
-from desim_uav.rowcode.rows import Row, address, is_row
+from desim_uav.rowcode.options import overload
+from desim_uav.rowcode.rows import Row, address, is_row, shaped
 
 # ---- functions whose addresses rows hold
 
@@ -95,7 +95,7 @@ def address_of(kernel: Any, *classes: Any, owner: str = "") -> int:
     The kernel is compiled if necessary. The address is valid in this process only, and for ``call``
     and the like. ``owner`` is the component of one's own that the kernel is of, or empty.
     """
-    numbers = {int: I64, float: F64}
+    numbers = {int: I64, float: F64, bool: types.boolean}
     arguments = tuple(Pointer(cls, owner) if is_row(cls) else numbers[cls] for cls in classes)
     return machine_code(kernel, arguments)
 
@@ -161,6 +161,14 @@ def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
 
 
 as_array: Any = intrinsic(_as_array)
+
+
+@overload(shaped)
+def _of_shaped(entries: Any, shape: Any) -> Any:
+    def made(entries: Any, shape: Any) -> Any:
+        return as_array(entries, shape)
+
+    return made
 
 
 def entries_at(of: Any, owner: str = "") -> Any:

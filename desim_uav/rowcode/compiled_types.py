@@ -18,7 +18,6 @@ lower_builtin: Any = extending.lower_builtin
 lower_getattr_generic: Any = extending.lower_getattr_generic
 lower_setattr_generic: Any = extending.lower_setattr_generic
 models: Any = extending.models
-overload: Any = extending.overload
 register_model: Any = extending.register_model
 type_callable: Any = extending.type_callable
 

@@ -20,45 +20,28 @@ from typing import Any, TypeVar, cast
 from uuid import uuid4
 
 import numba
-from numba.extending import overload, register_jitable
+from numba.extending import register_jitable
 
 from desim_uav.errors import notice
 from desim_uav.rowcode.bounds import CHECKED, is_own
-from desim_uav.rowcode.code_digest import RULES, STANDS_IN, code_digest
+from desim_uav.rowcode.code_digest import APART, RULES, STANDS_IN, code_digest
+from desim_uav.rowcode.compiled_apart import called_by_cell
 from desim_uav.rowcode.numba_parts import (
     VERSIONS,
-    WITHOUT_COUNTING,
     FunctionCache,
-    InnerCompiler,
+    KernelCompiler,
     cache_of,
     dumps,
     keep_in,
     let_kernels_call,
     settings,
+    share_last,
 )
+from desim_uav.rowcode.options import CHECK, INNER, MAKER, OPTIONS, WITHIN, overload
 from desim_uav.rowcode.regular_file import content_of, new_file
 from desim_uav.rowcode.value_text import Text, UndescribedError
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-MAKER: dict[str, Any] = {
-    **{"nogil": True, "fastmath": False, "error_model": "numpy", "no_cfunc_wrapper": True},
-    **({"boundscheck": True} if CHECKED else {}),
-}
-
-OPTIONS: dict[str, Any] = {**MAKER, **WITHOUT_COUNTING}
-
-WITHIN: dict[str, Any] = {
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-    "pipeline_class": InnerCompiler,
-}
-
-INNER: dict[str, Any] = {**OPTIONS, **WITHIN, "forceinline": True}
-"""The options of functions that only kernels call, whose machine code they become part of."""
-
-CHECK: dict[str, Any] = {"boundscheck": True}
-"""What is added to the options of code of one's own, whose indices of arrays are checked."""
 
 NOWHERE = (
     "compiled code cannot be kept on disk and is compiled anew in each process, because neither "
@@ -99,7 +82,7 @@ def part(function: F) -> F:
 
 def cached(function: F, options: Mapping[str, Any]) -> F:
     """Compile with these options, and keep the machine code on disk if there is a place for it."""
-    compiled: Any = numba.njit(**options)(function)
+    compiled: Any = numba.njit(**options, pipeline_class=KernelCompiler)(function)
     if hasattr(compiled, "enable_caching"):  # else NUMBA_DISABLE_JIT is set
         let_kernels_call(numba.njit(**{**options, **WITHIN})(function), compiled)
         try:
@@ -116,6 +99,7 @@ def rule(function: F) -> F:
     RULES.add(cast(FunctionType, function))
     own = CHECK if is_own(function.__module__) else {}
     made: F = register_jitable(**{**INNER, **own})(function)
+    share_last()
     return made
 
 
@@ -126,7 +110,21 @@ def rare_rule(function: F) -> F:
     """
     RULES.add(cast(FunctionType, function))
     made: F = register_jitable(**{**INNER, "forceinline": False})(function)
+    share_last()
     return made
+
+
+def apart(function: F) -> F:
+    """Have a rule compiled on its own when compiled code first calls it, which is by address.
+
+    It is for what only some worlds need: it is not compiled for others. All its arguments are rows
+    and numbers, and have annotations, as has the result.
+    """
+    plain: Any = function
+    RULES.add(plain)
+    APART.add(plain)
+    called_by_cell(plain, lambda: kernel(function))
+    return function
 
 
 def stands_in_for(function: Any) -> Callable[[F], F]:
@@ -138,7 +136,7 @@ def stands_in_for(function: Any) -> Callable[[F], F]:
 
     def stand_in(implementation: F) -> F:
         STANDS_IN[function] = cast(FunctionType, implementation)
-        made: F = overload(function, jit_options=cast(Any, INNER))(implementation)
+        made: F = overload(function)(implementation)
         return made
 
     return stand_in

@@ -33,6 +33,7 @@ populate_array: Any = _arrayobj.populate_array
 _Code: Any = _codegen.JITCodeLibrary
 _Compiler: Any = _compiler.Compiler
 dumps: Any = serialize.dumps
+add_symbol: Any = llvmlite.binding.add_symbol
 TypingError: Any = errors.TypingError
 FunctionCache: Any = caching.FunctionCache
 AbstractTemplate: Any = _templates.AbstractTemplate
@@ -97,6 +98,27 @@ def overloads_of(function: Any) -> list[tuple[Any, Any]]:
     return [(one._overload_func, one._jit_options) for one in templates]
 
 
+class _Unflagged(dict[Any, Any]):
+    """What Numba has compiled of an overload, by types of arguments, whoever calls it.
+
+    Numba's key ends with the options of the caller, so it would compile the same code again for a
+    caller with other options. These matter only for what has no options of its own.
+    """
+
+    def __getitem__(self, key: Any) -> Any:
+        return super().__getitem__(key[:3])
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        super().__setitem__(key[:3], value)
+
+
+def share_last() -> None:
+    """Let all callers share what is compiled of the last overload, which has options of its own."""
+    _, kind = _templates.builtin_registry.globals[-1]
+    for template in kind.templates:
+        template._impl_cache = _Unflagged()
+
+
 def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
     """Return the address of the machine code for arguments of these types.
 
@@ -107,7 +129,7 @@ def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
     return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
 
 
-llvmlite.binding.add_symbol(NOTE, NOTE_AT)
+add_symbol(NOTE, NOTE_AT)
 
 
 def fail_outside(
@@ -155,14 +177,28 @@ def _function_lowered() -> tuple[Place, str]:
 class InnerCode(_Code):  # type: ignore[misc]
     """The code of a function that only kernels call: optimised and made machine code with theirs.
 
-    Numba would do both for each such function by itself too, and again for each of its callers.
+    Numba would do both for each such function by itself too, and again for each of its callers. It
+    would also link the code of all that the function calls, once more for each of its callers.
     """
 
-    def _optimize_final_module(self) -> None: ...
+    _closed: Any = None
 
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
+        """Leave the code as it is: that of a kernel links all that this function calls."""
+        self._raise_if_finalized()
         self._finalize_dynamic_globals()
         self._finalized = True
+
+    def alone(self) -> Any:
+        """Return the code of this function without that of the functions it calls."""
+        return super()._get_module_for_linking()
+
+    def _get_module_for_linking(self) -> Any:
+        """Return the code with that of the functions it calls, for a function of Numba itself."""
+        if self._closed is None:
+            self._closed = self.alone().clone()
+            link_reached(self, self._closed)
+        return self._closed
 
     def get_pointer_to_function(self, name: str) -> int:
         """Return 0: there is no machine code."""
@@ -179,11 +215,42 @@ class InnerCode(_Code):  # type: ignore[misc]
         """Do nothing."""
 
 
+class KernelCode(_Code):  # type: ignore[misc]
+    """The code of a kernel, which links that of all functions in it once."""
+
+    def finalize(self) -> None:
+        """Link, optimise and make machine code."""
+        link_reached(self, self._final_module)
+        self._linking_libraries: list[Any] = []
+        super().finalize()
+
+
+def link_reached(library: Any, into: Any) -> None:
+    """Link the code of all that a function calls, directly or not, into a module, each once."""
+    reached = dict.fromkeys(library._linking_libraries)
+    waiting = list(reached)
+    for one in waiting:  # which grows
+        inner = isinstance(one, InnerCode)
+        into.link_in(one.alone() if inner else one._get_module_for_linking(), preserve=True)
+        new = [other for other in one._linking_libraries if inner and other not in reached]
+        reached.update(dict.fromkeys(new))
+        waiting += new
+
+
 class InnerCompiler(_Compiler):  # type: ignore[misc]
     """Numba's compiler, which makes InnerCode."""
+
+    code: Any = InnerCode
 
     def define_pipelines(self) -> Any:
         """Return Numba's passes."""
         name = self.state.func_id.func_qualname
-        self.state.library = InnerCode(self.state.targetctx.codegen(), name)
+        self.state.library = self.code(self.state.targetctx.codegen(), name)
+        self.state.library.enable_object_caching()
         return super().define_pipelines()
+
+
+class KernelCompiler(InnerCompiler):
+    """Numba's compiler, which makes KernelCode."""
+
+    code = KernelCode

@@ -391,3 +391,11 @@ def address(one: Any) -> int:
         return ctypes.addressof(one)
     found: int = one.address
     return found
+
+
+def shaped(entries: Any, shape: tuple[int, ...]) -> Any:
+    """Return the numbers of a table, which is an array in Python, as an array of this shape.
+
+    A compiled rule may return it in a tuple, but not alone.
+    """
+    return entries.reshape(shape)

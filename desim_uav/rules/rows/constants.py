@@ -169,7 +169,4 @@ class Constants(Row):
     charged: int
     until_full_us: int
     walk: int
-    steer: int
-    home_leg: int
-    look_home: int
     run: int
