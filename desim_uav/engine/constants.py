@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
+from desim_uav.engine.free import space_row
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.rewards import RowReward
@@ -21,6 +22,7 @@ from desim_uav.rules.rows import (
     Place,
     Point,
     Radio,
+    SpaceRow,
     TransitRow,
     TypeRow,
 )
@@ -64,6 +66,10 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.expected_requests = expected_requests(scenario)
     constants.features = world.most_features
     constants.in_air = int(world.in_air)
+    if world.free:
+        constants.spaces = Table(
+            space_row(own.space) if own.free else blank(SpaceRow) for own in world.types
+        )
     return constants
 
 

@@ -8,8 +8,8 @@ packages use these names:
   ``View`` are kinds of its fields. ``blank``, ``fill``, ``named``, ``attach``, ``packed``,
   ``in_memory``, ``place``, ``address``, ``bound``, ``held_by``, ``array_of`` and ``dtype_of`` make
   rows, read and write them.
-- ``kernels``: ``rule``, ``rare_rule``, ``kernel``, ``maker`` and ``part`` say how a function is
-  compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder`` and
+- ``kernels``: ``rule``, ``rare_rule``, ``apart``, ``kernel``, ``maker`` and ``part`` say how a
+  function is compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder`` and
   ``compiled_before`` say where its machine code is kept.
 - ``compiled_rows``: ``pointer_to``, ``address_of``, ``call`` and its typed variants call a compiled
   function at an address; ``entries_at``, ``as_array``, ``place_of`` and ``set_word`` reach into

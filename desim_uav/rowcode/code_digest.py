@@ -14,7 +14,13 @@ from functools import cache
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple, cast
 
-from desim_uav.rowcode import compiled_queues, compiled_registers, compiled_rows, numba_parts
+from desim_uav.rowcode import (
+    compiled_apart,
+    compiled_queues,
+    compiled_registers,
+    compiled_rows,
+    numba_parts,
+)
 from desim_uav.rowcode.numba_parts import overloads_of
 from desim_uav.rowcode.rows import is_row, layout_of
 from desim_uav.rowcode.value_text import (
@@ -28,6 +34,9 @@ from desim_uav.rowcode.value_text import (
 
 STANDS_IN: dict[FunctionType, FunctionType] = {}
 """What compiled code calls in place of a function: the function that Numba's overload calls."""
+
+APART: set[FunctionType] = set()
+"""The functions that are compiled on their own: their code is no part of what calls them."""
 
 RULES: set[FunctionType] = set()
 """The functions that work on rows."""
@@ -49,7 +58,8 @@ def code_digest(function: FunctionType, placed: bool = False) -> str:
     texts += _reach(found, [of for parts in methods for _, of in parts if type(of) is FunctionType])
     if rows or RULES.intersection(found):
         compiling = compiled_rows, compiled_queues, compiled_registers, numba_parts
-        texts += _reach(found, _functions_of(*compiling))
+        by_cell = cast(FunctionType, compiled_apart.called_by_cell)
+        texts += _reach(found, [*_functions_of(*compiling), by_cell])
     texts += map(layout_of, rows)
     if placed:
         texts += [f"{number}: {_lines(one.__code__)}" for one, number in found.items()]
@@ -150,14 +160,16 @@ def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
         except UndescribedError as error:
             if _is_used(code, name):
                 raise UndescribedError(f"{name!r} in {full_name(function)!r} is {error}") from None
+    parts += [f"{full_name(one)}{one.__annotations__}" for one in text.functions if one in APART]
+    called = [one for one in text.functions if one not in APART]
     said = "\n".join(parts)
     if text.lasting:
-        _KNOWN[function] = _Known(code, values, said, text.functions)
+        _KNOWN[function] = _Known(code, values, said, called)
     of_values = "\n".join(part for part in parts if not part.startswith(OVERLOADS))
     if _FIRST.setdefault(function, of_values) != of_values:
         changed = f"the code of {full_name(function)!r}, or a value in it, has changed"
         raise ChangedError(f"{changed} in this process")
-    return said, text.functions
+    return said, called
 
 
 def _same(values: dict[str, Any], others: dict[str, Any]) -> bool:
@@ -175,7 +187,7 @@ def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
         yield f"the default of {name}", value
     if function in STANDS_IN:
         yield "what stands in for it", STANDS_IN[function]
-    elif not str(function.__module__).startswith(OURS) and (overloads := overloads_of(function)):
+    elif _may_have_overloads(function) and (overloads := overloads_of(function)):
         yield OVERLOADS, overloads
     outside = {
         name: cell.cell_contents
@@ -193,6 +205,11 @@ def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
             yield from (_in_module_of_ours if ours else _in_module)(code, name, value)
         else:
             yield name, value
+
+
+def _may_have_overloads(function: FunctionType) -> bool:
+    """Return whether a function may have overloads that are not known by other means."""
+    return function not in APART and not str(function.__module__).startswith(OURS)
 
 
 OVERLOADS = "its overloads"

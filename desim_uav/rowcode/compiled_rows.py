@@ -31,6 +31,7 @@ from desim_uav.rowcode.rows import (
     held_by,
     is_row,
     layout_of,
+    shaped,
     width_of,
 )
 
@@ -476,7 +477,7 @@ def address_of(kernel: Any, *classes: Any, owner: str = "") -> int:
     The kernel is compiled if necessary. The address is valid in this process only, and for ``call``
     and the like. ``owner`` is the component of one's own that the kernel is of, or empty.
     """
-    numbers = {int: I64, float: F64}
+    numbers = {int: I64, float: F64, bool: types.boolean}
     arguments = tuple(Pointer(cls, owner) if is_row(cls) else numbers[cls] for cls in classes)
     return machine_code(kernel, arguments)
 
@@ -542,6 +543,14 @@ def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
 
 
 as_array: Any = intrinsic(_as_array)
+
+
+@overload(shaped)
+def _of_shaped(entries: Any, shape: Any) -> Any:
+    def made(entries: Any, shape: Any) -> Any:
+        return as_array(entries, shape)
+
+    return made
 
 
 def entries_at(of: Any, owner: str = "") -> Any:

@@ -23,7 +23,8 @@ from numba.extending import register_jitable
 
 from desim_uav.errors import notice
 from desim_uav.rowcode.bounds import CHECKED, is_own
-from desim_uav.rowcode.code_digest import RULES, STANDS_IN, code_digest
+from desim_uav.rowcode.code_digest import APART, RULES, STANDS_IN, code_digest
+from desim_uav.rowcode.compiled_apart import called_by_cell
 from desim_uav.rowcode.numba_parts import (
     VERSIONS,
     FunctionCache,
@@ -110,6 +111,19 @@ def rare_rule(function: F) -> F:
     made: F = register_jitable(**{**INNER, "forceinline": False})(function)
     share_last()
     return made
+
+
+def apart(function: F) -> F:
+    """Have a rule compiled on its own when compiled code first calls it, which is by address.
+
+    It is for what only some worlds need: it is not compiled for others. All its arguments are rows
+    and numbers, and have annotations, as has the result.
+    """
+    plain: Any = function
+    RULES.add(plain)
+    APART.add(plain)
+    called_by_cell(plain, lambda: kernel(function))
+    return function
 
 
 def stands_in_for(function: Any) -> Callable[[F], F]:

@@ -33,6 +33,7 @@ populate_array: Any = _arrayobj.populate_array
 _Code: Any = _codegen.JITCodeLibrary
 _Compiler: Any = _compiler.Compiler
 dumps: Any = serialize.dumps
+add_symbol: Any = llvmlite.binding.add_symbol
 TypingError: Any = errors.TypingError
 FunctionCache: Any = caching.FunctionCache
 AbstractTemplate: Any = _templates.AbstractTemplate
@@ -105,10 +106,10 @@ class _Unflagged(dict[Any, Any]):
     """
 
     def __getitem__(self, key: Any) -> Any:
-        return super().__getitem__(key[:-1])
+        return super().__getitem__(key[:3])
 
     def __setitem__(self, key: Any, value: Any) -> None:
-        super().__setitem__(key[:-1], value)
+        super().__setitem__(key[:3], value)
 
 
 def share_last() -> None:
@@ -128,7 +129,7 @@ def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
     return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
 
 
-llvmlite.binding.add_symbol(NOTE, NOTE_AT)
+add_symbol(NOTE, NOTE_AT)
 
 
 def fail_outside(

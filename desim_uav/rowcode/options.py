@@ -30,9 +30,15 @@ CHECK: dict[str, Any] = {"boundscheck": True}
 """What is added to the options of code of one's own, whose indices of arrays are checked."""
 
 
-def overload(function: Any, inline: bool = True) -> Callable[[Any], Any]:
+def overload(function: Any) -> Callable[[Any], Any]:
     """Return Numba's decorator of that name, for functions that only kernels call."""
-    return _shared(extending.overload, function, jit_options={**INNER, "forceinline": inline})
+    return _shared(extending.overload, function, jit_options=INNER)
+
+
+def overload_of_any(function: Any) -> Callable[[Any], Any]:
+    """Return the same decorator for what takes any arguments and is not inlined."""
+    options = {**INNER, "forceinline": False}
+    return _shared(extending.overload, function, jit_options=options, strict=False)
 
 
 def overload_method(kind: Any, name: str) -> Callable[[Any], Any]:

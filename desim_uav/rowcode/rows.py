@@ -379,6 +379,14 @@ def address(one: Any) -> int:
     return found
 
 
+def shaped(entries: Any, shape: tuple[int, ...]) -> Any:
+    """Return the numbers of a table, which is an array in Python, as an array of this shape.
+
+    A compiled rule may return it in a tuple, but not alone.
+    """
+    return entries.reshape(shape)
+
+
 # ---- blocks of memory in Python
 
 

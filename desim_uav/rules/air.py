@@ -28,7 +28,7 @@ from desim_uav.model.radio.scene import (
     Z1,
 )
 from desim_uav.rowcode.compiled_rows import call_for_int
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rowcode.rows import address
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.transits import heights_of, way_of
@@ -195,7 +195,7 @@ def _mark(world: Constants, path: Path, state: State, drone: Drone, end_us: int)
     state.sky.air.senders[drone.index * SENDER_COLUMNS + MARKED_US] = drone.marked_us
 
 
-@rare_rule
+@apart
 def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
     """Write the changes on a leg to ``drone.ahead``, where they are not those of rings."""
     end_us = state.now_us + span_us

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from desim_uav.model.radio.air import FOUND, FOUND_COLUMNS
 from desim_uav.rowcode.compiled_rows import call_for_int
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rowcode.rows import address
 from desim_uav.rules.air import (
     foresee_in_air,
@@ -179,7 +179,7 @@ def change_class(
         _pass(world, state, drone, user, phase)
 
 
-@rare_rule
+@apart
 def _pass(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
     """Log that a link has passed to another class, and adapt the user's request to it."""
     note_class(state, phase, ON_CLASS, drone, user)

@@ -9,8 +9,9 @@ from desim_uav.rules.battery import change_mode, type_of
 from desim_uav.rules.coverage import silence
 from desim_uav.rules.due import arrival_slot, undo
 from desim_uav.rules.epochs import ask_at, asked_after_crash_us
-from desim_uav.rules.flight import appear, count_distance, hover_at, orient, position, stay_at
+from desim_uav.rules.flight import appear, count_distance, hover_at, position, stay_at
 from desim_uav.rules.note import note, note_drone, note_leg
+from desim_uav.rules.orientation import orient
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
 

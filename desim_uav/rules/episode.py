@@ -15,10 +15,11 @@ from desim_uav.rules.credit import credit_step, forget_credit
 from desim_uav.rules.decide import allow, go_home, is_under_way, obey, observe, record, taken
 from desim_uav.rules.due import key, nothing_due, run_until
 from desim_uav.rules.epochs import await_epoch
-from desim_uav.rules.flight import appear, await_hop, count_distance, go_on_until, orient
+from desim_uav.rules.flight import appear, await_hop, count_distance, go_on_until
 from desim_uav.rules.free_flight import wish
 from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
+from desim_uav.rules.orientation import orient
 from desim_uav.rules.points import serve_from_points, serve_on
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rewards import clear_terms

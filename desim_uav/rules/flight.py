@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from desim_uav.model.geometry.grid import cell_index, level_index
 from desim_uav.model.rules import US
-from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
-from desim_uav.rules.battery import change_mode, foresee_depletion, is_limited, refill, type_of
+from desim_uav.rules.battery import change_mode, foresee_depletion, refill, type_of
 from desim_uav.rules.coverage import silence, track
 from desim_uav.rules.due import arrival_slot, due, key
 from desim_uav.rules.epochs import ask_at, span_of
@@ -69,31 +67,6 @@ def position(world: Constants, state: State, drone: Drone) -> tuple[float, float
         return x0, y0, z0
     share = flown_m(world, state, drone) / flight_of(world, drone).distance_m
     return x0 + share * (x1 - x0), y0 + share * (y1 - y0), z0 + share * (z1 - z0)
-
-
-@rule
-def orient(world: Constants, path: Path, state: State, drone: Drone) -> None:
-    """Set the cell and level at which a drone believes itself to be, at a decision epoch.
-
-    Its x and y contain the position errors of the sample path, in cells, which are drawn for each
-    step; its altitude is exact. In free flight, the way home is looked for too, from where it is.
-    """
-    noisy = len(path.errors) > 0
-    x, y, level = drone.x, drone.y, drone.level
-    if noisy or drone.transit != words.REST or drone.fallen:
-        x_m, y_m, z_m = position(world, state, drone)
-        if noisy:
-            error = (drone.index * (world.steps + 1) + state.now_us // world.step_us) * 2
-            x_m += path.errors[error] * world.cell_x_m
-            y_m += path.errors[error + 1] * world.cell_y_m
-        x = cell_index(x_m, world.cell_x_m, world.nx)
-        y = cell_index(y_m, world.cell_y_m, world.ny)
-        level = level_index(z_m, world.lowest_m, world.level_step_m, world.levels)
-    observation = state.observations[drone.index]
-    observation.x, observation.y, observation.level = x, y, level
-    observation.believed = place(world, x, y, level)
-    if drone.off_grid and is_limited(world, drone):
-        call(world.look_home, (world, state, drone))
 
 
 @rule

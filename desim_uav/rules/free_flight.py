@@ -1,20 +1,15 @@
-"""Free flight: the leg of a command, and the way home round obstacles, leg by leg.
-
-The functions ``steer``, ``home_leg`` and ``look_home`` are called by their addresses in the
-constants. Arrays of a space, such as its obstacles, are made by functions of which each engine has
-its own.
-"""
+"""Free flight: the leg of a command, and the way home round obstacles, leg by leg."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.geometry.grid import cell_index, level_index
 from desim_uav.model.geometry.prisms import Prisms, first_entry
-from desim_uav.model.geometry.roads import way_home
+from desim_uav.model.geometry.roads import Roads, way_home
 from desim_uav.model.motion.flight import chosen_mps, no_faster, step_leg
 from desim_uav.model.motion.legs import Bounds, FreeLeg, direction, leg_between
 from desim_uav.model.motion.limits import Limits, Wind, wind_along
@@ -22,7 +17,8 @@ from desim_uav.model.motion.space import Ways
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import US
 from desim_uav.rowcode.compiled_rows import call_for_int
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rare_rule, rule
+from desim_uav.rowcode.rows import shaped
 from desim_uav.rules import words
 from desim_uav.rules.battery import is_limited, type_of
 from desim_uav.rules.coverage import silence
@@ -38,42 +34,67 @@ class Memory(NamedTuple):
     away_m: NDArray[np.float64]
 
 
-# ---- what each engine has a function of its own for
+# ---- what the space of a type of drones contains
 
 
-def prisms_of(world: Any, number: int) -> Any:
+@rule
+def prisms_of(world: Constants, number: int) -> Prisms:
     """Return the obstacles of a type of drones."""
-    found: Prisms = world.spaces[number].prisms
-    return found
+    space = world.spaces[number]
+    count = len(space.offsets) - 1
+    return Prisms(
+        shaped(space.corners_m, (len(space.corners_m) // 2, 2)),
+        shaped(space.walls, (len(space.walls) // 3, 3)),
+        shaped(space.offsets, (count + 1,)),
+        shaped(space.heights_m, (count, 2)),
+        shaped(space.boxes_m, (count, 4)),
+        (space.shape_x, space.shape_y),
+        (space.side_x_m, space.side_y_m),
+        shaped(space.heads, (len(space.heads),)),
+        shaped(space.members, (len(space.members),)),
+    )
 
 
-def ways_of(world: Any, number: int, level: int) -> Any:
+@rule
+def ways_of(world: Constants, number: int, level: int) -> Ways:
     """Return the ways home of a type of drones at a level."""
-    found: Ways = world.spaces[number].levels[level]
-    return found
+    ways = world.spaces[number].levels[level]
+    nodes = len(ways.nodes_m) // 2
+    shape = (len(ways.lengths_m) // nodes, nodes)
+    roads = Roads(
+        shaped(ways.nodes_m, (nodes, 2)),
+        shaped(ways.lengths_m, shape),
+        shaped(ways.following, shape),
+        ways.altitude_m,
+    )
+    return Ways(roads, shaped(ways.times_us, shape), shaped(ways.drains, shape))
 
 
-def memory_of(state: Any) -> Any:
+@rule
+def memory_of(state: State) -> Memory:
     """Return memory for a number for each node."""
-    return Memory(state.away_m)
+    return Memory(shaped(state.away_m, (len(state.away_m),)))
 
 
-def limits_of(world: Any, number: int) -> Any:
+@rule
+def limits_of(world: Constants, number: int) -> Limits:
     """Return the limits of a type of drones."""
-    found: Limits = world.spaces[number].limits
-    return found
+    space = world.spaces[number]
+    return Limits(
+        space.level_mps, space.level_mps2, space.climb_mps, space.descent_mps, space.vertical_mps2
+    )
 
 
-def cruise_of(world: Any, number: int) -> Any:
+@rule
+def cruise_of(world: Constants, number: int) -> tuple[float, float]:
     """Return the lowest and the highest speed that commands choose (infinity: none)."""
-    found: tuple[float, float] = world.spaces[number].cruise_mps
-    return found
+    return world.spaces[number].lowest_mps, world.spaces[number].highest_mps
 
 
-def wind_of(world: Any, number: int) -> Any:
+@rule
+def wind_of(world: Constants, number: int) -> Wind:
     """Return the wind in which a type of drones flies."""
-    found: Wind = world.spaces[number].wind
-    return found
+    return world.spaces[number].wind_x_mps, world.spaces[number].wind_y_mps
 
 
 # ---- legs
@@ -191,13 +212,13 @@ def wish(world: Constants, state: State, drone: Drone) -> None:
             drone.command = k
 
 
-@rare_rule
+@apart
 def fly_freely(world: Constants, path: Path, state: State, drone: Drone, flies: bool) -> None:
     """Begin a step of serving flight: the leg of the command if the drone ``flies``, or a hover."""
     course, transit = drone.course, words.REST
     course.blocked = 0
     if flies:
-        transit = call_for_int(world.steer, (world, state, drone))
+        transit = steer(world, state, drone)
     gives_way = world.gives_way and transit != words.REST
     if gives_way and must_wait(world, state, drone, transit):
         course.blocked, transit = 1, words.REST
@@ -227,7 +248,7 @@ def rest(drone: Drone) -> None:
 # ---- the way home
 
 
-@rare_rule
+@apart
 def turn_back_freely(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Stop serving; the return is planned from where the drone is."""
     set_out(world, state, drone, words.RETURNING, words.REST)
@@ -238,11 +259,11 @@ def turn_back_freely(world: Constants, path: Path, state: State, drone: Drone) -
     drone.hopping = 0
 
 
-@rare_rule
+@apart
 def fly_home_freely(world: Constants, state: State, drone: Drone, phase: int) -> bool:
     """Begin the next leg of a return; return False if the drone has reached a station instead."""
     drone.hopping = 0
-    transit = call_for_int(world.home_leg, (world, state, drone))
+    transit = home_leg(world, state, drone)
     if transit == words.REST:
         return False
     set_out(world, state, drone, words.RETURNING, transit)
@@ -288,7 +309,7 @@ def _move(course: Course, to: Point) -> None:
     course.x1_m, course.y1_m, course.z1_m = course.x0_m, course.y0_m, course.z0_m
 
 
-@rule
+@apart
 def look_home(world: Constants, state: State, drone: Drone) -> None:
     """Write the return from where a drone is into ``course.home``; its station is -1 if none is.
 

@@ -14,11 +14,19 @@ def note(
 ) -> None:
     """Append an event at the present time to the log; a number that does not apply is -1."""
     if state.keeps_events:
-        event = state.events.added()
-        event.t_us, event.phase, event.kind = state.now_us, phase, kind
-        event.drone, event.user = drone, user
-        event.request, event.station = request, station
-        event.link_class = -1
+        _append(state, phase, kind, drone, user, request, station)
+
+
+@rare_rule
+def _append(
+    state: State, phase: int, kind: int, drone: int, user: int, request: int, station: int
+) -> None:
+    """Append an event (see ``note``)."""
+    event = state.events.added()
+    event.t_us, event.phase, event.kind = state.now_us, phase, kind
+    event.drone, event.user = drone, user
+    event.request, event.station = request, station
+    event.link_class = -1
 
 
 @rule
@@ -43,18 +51,25 @@ def note_leg(world: Constants, state: State, drone: Drone) -> None:
     begins and ends as ``user`` and ``request``, and its duration in µs as ``station``. Legs of free
     flight are kept by themselves.
     """
-    if state.keeps_events and drone.off_grid:
-        _note_free_leg(world, state, drone)
-    elif state.keeps_events:
-        leg = state.events.added()
-        leg.t_us, leg.phase, leg.kind, leg.drone = drone.since_us, drone.mode, ON_LEG, drone.index
-        leg.user = place(world, drone.x, drone.y, drone.level)
-        leg.request = place(world, drone.to_x, drone.to_y, drone.to_level)
-        leg.station = world.transits[drone.transit].duration_us
-        leg.link_class = -1
+    if state.keeps_events:
+        _append_leg(world, state, drone)
 
 
 @rare_rule
+def _append_leg(world: Constants, state: State, drone: Drone) -> None:
+    """Append a leg (see ``note_leg``)."""
+    if drone.off_grid:
+        _note_free_leg(world, state, drone)
+        return
+    leg = state.events.added()
+    leg.t_us, leg.phase, leg.kind, leg.drone = drone.since_us, drone.mode, ON_LEG, drone.index
+    leg.user = place(world, drone.x, drone.y, drone.level)
+    leg.request = place(world, drone.to_x, drone.to_y, drone.to_level)
+    leg.station = world.transits[drone.transit].duration_us
+    leg.link_class = -1
+
+
+@rule
 def _note_free_leg(world: Constants, state: State, drone: Drone) -> None:
     """Append a drone's leg of free flight since ``since_us`` to ``flown``."""
     leg, course = state.flown.added(), drone.course

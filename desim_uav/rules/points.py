@@ -6,7 +6,7 @@ of its own then computes the next step.
 
 from __future__ import annotations
 
-from desim_uav.rowcode.kernels import rare_rule
+from desim_uav.rowcode.kernels import apart, rare_rule
 from desim_uav.rules import words
 from desim_uav.rules.coverage import track
 from desim_uav.rules.due import due, key, renewal_slot
@@ -14,7 +14,7 @@ from desim_uav.rules.rows import Constants, Path, State
 from desim_uav.rules.settle import settle
 
 
-@rare_rule
+@apart
 def serve_from_points(world: Constants, path: Path, state: State, span_us: int, phase: int) -> None:
     """Let the access points serve users in the next ``span_us``."""
     for d in range(len(state.drones), len(state.senders)):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from desim_uav.rowcode.compiled_rows import call_for_float, call_for_int
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rowcode.rows import address
 from desim_uav.rules import words
 from desim_uav.rules.due import due, key, separation_slot
@@ -35,7 +35,7 @@ def pair_of(state: State, one: int, other: int) -> Pair:
     return state.pairs[one * (2 * len(state.drones) - one - 1) // 2 + other - one - 1]
 
 
-@rare_rule
+@apart
 def begin_pairs(state: State) -> None:
     """Forget the previous episode, and look at all pairs at the end of this instant."""
     state.conflicts = state.conflict_us = 0
@@ -49,7 +49,7 @@ def begin_pairs(state: State) -> None:
         _look_at(state, state.now_us)
 
 
-@rare_rule
+@apart
 def part(world: Constants, state: State, drone: Drone) -> None:
     """End the windows of a drone whose leg or mode changes now, before it does."""
     for d in range(len(state.drones)):
@@ -61,7 +61,7 @@ def part(world: Constants, state: State, drone: Drone) -> None:
         _look_at(state, state.now_us)
 
 
-@rare_rule
+@apart
 def _close(world: Constants, state: State, pair: Pair) -> None:
     """End the window of a pair, if it has one, with the least distance in it."""
     if pair.open:
@@ -78,7 +78,7 @@ def _look_at(state: State, t_us: int) -> None:
     due(state, separation_slot(state), t_us, key(words.SEPARATION, -1, -1))
 
 
-@rare_rule
+@apart
 def on_separation(world: Constants, state: State) -> None:
     """Begin windows of pairs whose legs have changed, and let pairs come too near and part."""
     next_us = words.NEVER
@@ -161,7 +161,7 @@ def rests_at(world: Constants, state: State, one: Drone, other: Drone) -> int:
     return max(first, second, state.now_us)
 
 
-@rare_rule
+@apart
 def end_pairs(world: Constants, state: State) -> None:
     """Complete the measures of pairs in an episode that ends now."""
     for k in range(len(state.pairs)):
@@ -171,7 +171,7 @@ def end_pairs(world: Constants, state: State) -> None:
             state.conflict_us += state.now_us
 
 
-@rare_rule
+@apart
 def must_wait(world: Constants, state: State, drone: Drone, transit: int) -> bool:
     """Return whether a drone at rest must give way and not begin a flight (``to_x``, ``transit``).
 

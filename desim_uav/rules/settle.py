@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.rowcode.compiled_rows import call
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules.association import settle_levels
 from desim_uav.rules.attachment import attach, entered_first
 from desim_uav.rules.battery import type_of
@@ -87,7 +87,7 @@ def _settle_all(
         d += 1
 
 
-@rare_rule
+@apart
 def _settle_links(world: Constants, path: Path, state: State, phase: int) -> None:
     """Find the classes of drones anew whose interference has changed, and compare levels."""
     if state.retunes:

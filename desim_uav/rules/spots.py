@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.model.geometry.grid import cell_index
-from desim_uav.rowcode.kernels import rule
+from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rules.requests import doing, done_share
 from desim_uav.rules.rows import Constants, Path, Spot, State, User
 from desim_uav.rules.words import OPEN
@@ -25,9 +25,14 @@ def locate(world: Constants, path: Path, state: State) -> None:
 
     The users of a cell are listed in the order of their indices.
     """
+    if len(state.spots) > 0:
+        _locate(world, path, state)
+
+
+@apart
+def _locate(world: Constants, path: Path, state: State) -> None:
+    """Write where all users are now and what they do (see ``locate``)."""
     spots, firsts = state.spots, state.firsts
-    if len(spots) == 0:
-        return
     find_users(world, path, state)
     for cell in range(len(firsts)):
         firsts[cell] = -1

@@ -420,3 +420,8 @@ def test_the_private_parts_of_numba_are_as_they_were():
         assert "self._index_key(" in inspect.getsource(getattr(kernels.FunctionCache, name))
     assert isinstance(cache._impl.filename_base, str)
     assert numba_parts.address_of(kernels.kernel(_identity), (numba.int64,)) > 0
+    assert list(inspect.signature(numba_parts.InnerCode.finalize).parameters) == ["self"]
+    for name in ("_optimize_final_module", "_finalize_final_module", "_get_module_for_linking"):
+        assert hasattr(numba_parts._Code, name), name
+    source = inspect.getsource(numba_parts._templates._OverloadFunctionTemplate._get_impl)
+    assert "cache_key = self.context, tuple(args), tuple(kws.items())" in source

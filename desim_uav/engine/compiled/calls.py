@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP
-from desim_uav.engine.compiled import free, loop
+from desim_uav.engine.compiled import loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.model.decisions import discount_of
 from desim_uav.model.geometry.coverage import leg_at, walked
@@ -47,7 +47,7 @@ def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
 
     Those of components are written by ``components.point_at``. What only some worlds need is
     compiled only for them: changes of links with classes (``graded``), those that are not of rings
-    (``in_air``), free flight, and distances of drones.
+    (``in_air``), and distances of drones.
     """
     constants.foresee = address_of(foresee_rings if graded else foresee_discs, *[int] * 10)
     if in_air:
@@ -55,8 +55,6 @@ def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
         constants.foresee_all = address_of(links.foresee_all, *[int] * 7)
         constants.better_us = address_of(links.better_us, *[int] * 11, float)
         constants.mark = address_of(links.mark, *[int] * 11)
-    if len(constants.spaces) > 0:
-        free.set_free(constants)
     if constants.separation_m > 0.0:
         constants.meet = address_of(separation.meet, *[int] * 7)
         constants.least_m = address_of(separation.least_m, *[int] * 6)

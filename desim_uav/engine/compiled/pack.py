@@ -27,7 +27,6 @@ from desim_uav.engine.compiled.largest_sums import too_large
 from desim_uav.engine.compiled.slots import tournaments
 from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of
-from desim_uav.engine.free import space_row
 from desim_uav.engine.sky import scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
@@ -36,7 +35,7 @@ from desim_uav.model.rules import US
 from desim_uav.rowcode.components import compiled
 from desim_uav.rowcode.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.rules.due import crossing_slot, slots
-from desim_uav.rules.rows import Constants, Drone, SpaceRow, State, Station
+from desim_uav.rules.rows import Constants, Drone, State, Station
 from desim_uav.world import World
 
 Array = np.ndarray[Any, Any]
@@ -136,10 +135,6 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
     constants.scene = scene_of(world)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
-    if world.free:
-        constants.spaces = Table(
-            space_row(own.space) if own.free else blank(SpaceRow) for own in world.types
-        )
     for number, own in enumerate(constants.types):
         own.first_known = number * legs_in_table(world)
     components = components_of(SLOTS, world)

@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from desim_uav.engine.constants import transits_of
-from desim_uav.engine.des.free import transit_of
 from desim_uav.model.admission import RowAdmission
 from desim_uav.model.energy.battery import Energy, RowEnergy
 from desim_uav.model.energy.charging import RowCharging
@@ -158,3 +159,19 @@ def _charging(world: World) -> tuple[Callable[..., int], Callable[..., int]]:
         return int(time_to_full(battery, capacity))
 
     return charged, until_full_us
+
+
+def transit_of(flight: Any) -> Transit:
+    """Return the row of a transit as one."""
+    profile = [
+        (piece.start_s, piece.from_m, piece.speed_mps, piece.acceleration_mps2)
+        for piece in flight.pieces
+    ]
+    return Transit(
+        np.array(profile),
+        flight.duration_us,
+        flight.distance_m,
+        flight.rises,
+        flight.tail_mps,
+        flight.side_mps,
+    )

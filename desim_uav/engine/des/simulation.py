@@ -10,7 +10,6 @@ import numpy as np
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
-from desim_uav.engine.des.free import set_free
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import own_over_rows, set_components
 from desim_uav.engine.des.processes import Processes
@@ -88,8 +87,6 @@ class Simulation(Engine):
         made.hops = made.plans.hops
         self._skies.set_functions(made, lambda: self.state)
         set_components(made, world)
-        if world.free:
-            set_free(made, world)
         constants: Constants = made
         return constants
 

@@ -167,7 +167,4 @@ class Constants(Row):
     charged: int
     until_full_us: int
     walk: int
-    steer: int
-    home_leg: int
-    look_home: int
     run: int
