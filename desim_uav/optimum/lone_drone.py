@@ -24,7 +24,8 @@ from desim_uav.rules.crash import crash
 from desim_uav.rules.decide import observe, on_arrival
 from desim_uav.rules.due import arrival_slot, crossing_slot, depletion_slot, settle_slot
 from desim_uav.rules.episode import command, end_step, show_first
-from desim_uav.rules.flight import appear, hover_at, orient, station_under
+from desim_uav.rules.flight import appear, hover_at, station_under
+from desim_uav.rules.orientation import orient
 from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.rules.rows import Drone
 from desim_uav.rules.settle import settle
