@@ -6,14 +6,15 @@ packages use these names:
 
 - ``rows``: ``row`` and ``Row`` declare a record; ``Table``, ``BoundedTable``, ``Queue`` and
   ``View`` are kinds of its fields. ``blank``, ``fill``, ``named``, ``attach``, ``packed``,
-  ``in_memory``, ``place``, ``address``, ``bound``, ``held_by``, ``array_of`` and ``dtype_of`` make
-  rows, read and write them.
+  ``in_memory``, ``place``, ``address``, ``bound``, ``held_by``, ``array_of``, ``dtype_of``,
+  ``zeros`` and ``records`` make rows, read and write them.
 - ``kernels``: ``rule``, ``rare_rule``, ``kernel``, ``maker`` and ``part`` say how a function is
   compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder`` and
   ``compiled_before`` say where its machine code is kept.
 - ``compiled_rows``: ``pointer_to``, ``address_of``, ``call`` and its typed variants call a compiled
-  function at an address; ``entries_at``, ``as_array``, ``place_of`` and ``set_word`` reach into
-  rows. ``compiled_registers``: copies of rows in registers, and choices without a branch.
+  function at an address; ``entries_at``, ``array_at``, ``as_array``, ``place_of`` and ``set_word``
+  reach into rows. ``compiled_registers``: copies of rows in registers, and choices without a
+  branch.
 - ``components``: dataclasses with a method over rows, whose numbers are a row and whose methods
   are machine code.
 - ``code_digest``, ``value_text``: of what machine code on disk depends.

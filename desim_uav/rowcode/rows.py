@@ -42,10 +42,16 @@ Words = NDArray[np.int64]
 class Table(list[T], Generic[T]):
     """A list of rows or numbers whose length does not change.
 
-    A field may hold an array in its place: of numbers, or of rows of whole numbers.
+    A field may hold an array in its place: of numbers, of rows of whole numbers, or a structured
+    one of rows (``records``).
     """
 
     __slots__ = ()
+
+
+Floats = NDArray[np.float64] | Table[float]
+Ints = NDArray[np.int64] | Table[int]
+"""Numbers in an array, or in a table of a row."""
 
 
 class Queue(list[T], Generic[T]):
@@ -235,10 +241,10 @@ def fill(cls: type[R], values: Iterable[Any]) -> R:
 
 
 @cache
-def _has_tables(cls: type[Row]) -> bool:
+def has_tables(cls: type[Row]) -> bool:
     """Return whether rows of a class have tables or queues, or rows that have some."""
     return any(
-        origin_of(kind) or (is_row(kind) and _has_tables(kind)) for kind in cls.kinds.values()
+        origin_of(kind) or (is_row(kind) and has_tables(kind)) for kind in cls.kinds.values()
     )
 
 
@@ -256,7 +262,7 @@ def bound(*rows: Row) -> None:
                 bound(value)
             elif origin_of(kind):
                 bound_table(value)
-                if is_row(held_by(kind)) and _has_tables(held_by(kind)):
+                if is_row(held_by(kind)) and has_tables(held_by(kind)):
                     bound(*value)
 
 
@@ -341,7 +347,9 @@ class _Packer:
         """Write the entries of a table or queue behind everything."""
         of, begin = held_by(kind), self.end
         self.end += _length(kind, values) * width_of(of)
-        if isinstance(values, np.ndarray):
+        if isinstance(values, np.ndarray) and values.dtype.names:
+            self.block[begin : self.end] = values.view(np.int64)
+        elif isinstance(values, np.ndarray):
             self._numbers(of)[begin : begin + values.size] = values.reshape(-1)
         elif is_row(of):
             for k, value in enumerate(values):
@@ -494,3 +502,18 @@ def dtype_of(cls: type[Row]) -> np.dtype[Any]:
             "itemsize": 8 * cls.words,
         }
     )
+
+
+def zeros(cls: type[Row], count: int) -> Any:
+    """Return so many rows of a class without tables as a structured array, whose numbers are 0."""
+    made: Any = cls
+    return np.zeros(count, dtype_of(made))
+
+
+def records(cls: type[Row], numbers: Any) -> Any:
+    """Return rows of a class without tables as a structured array, of the numbers of each."""
+    numbers = np.asarray(numbers).reshape(-1, len(cls.kinds))
+    made = zeros(cls, len(numbers))
+    for column, name in enumerate(cls.kinds):
+        made[name] = numbers[:, column]
+    return made
