@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.constants import transit_row, transits_of
 from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.motion.motion import TRAPEZOID
-from desim_uav.model.radio.between import WINDOW_COLUMNS, window_rows
+from desim_uav.model.radio.between import Window, window_rows
 from desim_uav.model.radio.buildings import Buildings, cells_as_prisms
 from desim_uav.model.radio.fits import NONE, Fits, fits_of
 from desim_uav.model.radio.links import LOOKS, Link, Look
@@ -125,7 +125,7 @@ def sky_of(world: World, room: Room) -> Sky:
     if world.graded:
         sky.found = zeros(Change, room.changes)
         sky.order = np.zeros(room.changes, np.int64)
-        sky.windows = _windows(world).reshape(-1)
+        sky.windows = _windows(world)
     if world.scenario.separation_m is not None:
         pieces = most_pieces(world)
         sky.tracks, sky.turns = zeros(TrackRow, 2 * (pieces + 1)), zeros(Turn, most_turns(pieces))
@@ -162,12 +162,13 @@ def most_pieces(world: World) -> int:
     return max(own, *(len(transit.profile) for transit in transits_of(world)))
 
 
-def _windows(world: World) -> NDArray[np.float64]:
+def _windows(world: World) -> NDArray[Any]:
     """Return memory for the windows of a leg between levels of any type of drones."""
     longest = max(len(transit.profile) for transit in transits_of(world))
     fits = [_fits_between(world, links) for links in world.links[: len(world.types)]]
     slabs = max(each.terms.shape[3] for each in fits)
-    return np.zeros((window_rows(slabs, longest), WINDOW_COLUMNS))
+    made: NDArray[Any] = zeros(Window, window_rows(slabs, longest))
+    return made
 
 
 def _set_air(sky: Any, world: World) -> None:

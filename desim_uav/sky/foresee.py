@@ -14,7 +14,7 @@ from desim_uav.model.geometry.coverage import (
 )
 from desim_uav.model.geometry.crossings import crossings, crossings_near
 from desim_uav.model.mobility.walking import LEG_COLUMNS
-from desim_uav.model.radio.between import WINDOW_COLUMNS, Climb, class_changes_between
+from desim_uav.model.radio.between import Climb, class_changes_between
 from desim_uav.model.radio.fits import TERM_COLUMNS
 from desim_uav.model.radio.links import changes_at
 from desim_uav.model.radio.nested import class_changes
@@ -128,7 +128,7 @@ def _cross_rings(
     They are written to ``Sky.found`` if links have several classes, and else to ``changes``.
     """
     rings = scene.radios[leg.radio]
-    of_users, levels = as_array(scene.groups, (len(scene.groups),)), rings.levels
+    of_users, levels = scene.groups, rings.levels
     groups = len(rings.radii_m) // (levels * rings.classes)
     radii_m = as_array(rings.radii_m, (levels, groups, rings.classes))
     own_m = radii_m[leg.level]
@@ -147,7 +147,7 @@ def _cross_rings(
             bounds_m[1],
             as_array(rings.terms, (levels - 1, *shape, rings.slabs, TERM_COLUMNS))[lower],
             as_array(rings.ranges, ranges)[lower],
-            as_array(sky.windows, (len(sky.windows) // WINDOW_COLUMNS, WINDOW_COLUMNS)),
+            sky.windows,
         )
         return class_changes_between(flown, climb, users, of_users, out)
     return class_changes(flown, users, own_m, of_users, out)
@@ -177,7 +177,7 @@ def _users_of(scene: Scene, sky: Sky, walks: int, numbers: int, begins: int) -> 
     count, rows = len(scene.groups), numbers // LEG_COLUMNS
     return Users(
         as_array(floats_at(walks, numbers), (rows, LEG_COLUMNS)),
-        as_array(ints_at(begins, count + 1), (count + 1,)),
+        ints_at(begins, count + 1),
         as_array(sky.seen, (SEEN_ROWS, count)),
     )
 

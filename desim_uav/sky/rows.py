@@ -6,6 +6,7 @@ state of its episode: before a kernel is called, the rules write the legs that i
 
 from __future__ import annotations
 
+from desim_uav.model.radio.between import Window
 from desim_uav.model.radio.buildings import Corner, Stretch
 from desim_uav.model.radio.links import Air, Change
 from desim_uav.model.radio.tracks import TrackRow, Turn
@@ -184,7 +185,7 @@ class Sky(Row):
     heads: Table[int]
     following: Table[int]
     changes: Table[Change]
-    windows: Table[float]
+    windows: Table[Window]
     found: Table[Change]
     order: Table[int]
     tracks: Table[TrackRow]
