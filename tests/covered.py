@@ -44,8 +44,8 @@ COMPILED_ONLY = (
     "model/radio/bounds.py",
     "model/radio/links.py",
     "model/radio/passing.py",
-    "model/radio/scene.py",
     "model/radio/search.py",
+    "model/radio/stretches.py",
 )
 WHOLE = (
     *("model/", "engine/", "qoe.py"),

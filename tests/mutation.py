@@ -76,15 +76,15 @@ MUTATIONS = (
     Mutation(
         "interference changes half as fast as it can",
         "model/radio/bounds.py",
-        "return float(table[k, LEAST] - most), float(table[k, MOST] - least)",
-        "return float(table[k, LEAST] - 0.5 * most), float(table[k, MOST] - 0.5 * least)",
+        "return link.least - most, link.most - least",
+        "return link.least - 0.5 * most, link.most - 0.5 * least",
         ("model/radio/test_air_bounds.py", "model/radio/test_air.py"),
     ),
     Mutation(
         "a level is taken to change as fast all the time as in the middle of it",
         "model/radio/bounds.py",
-        "bound_rates(links, k, np.sqrt(x * x + y * y), z, speed * half)",
-        "bound_rates(links, k, np.sqrt(x * x + y * y), z, 0.0)",
+        "bound_rates(link, np.sqrt(x * x + y * y), z, speed * half)",
+        "bound_rates(link, np.sqrt(x * x + y * y), z, 0.0)",
         ("model/radio/test_air_bounds.py", "model/radio/test_air.py"),
     ),
     Mutation(
@@ -436,16 +436,16 @@ MUTATIONS = (
     # ---- lines of sight, shadowing and times to trigger
     Mutation(
         "marks count from the start of the span",
-        "model/radio/scene.py",
-        "        words[k, MARKED] = air.senders[sender, MARKED_US] - span_us[0]\n",
-        "        words[k, MARKED] = 0\n",
+        "sky/links.py",
+        "        link.marked_us = leg.marked_us - span_us[0]\n",
+        "        link.marked_us = 0\n",
         ("engine/test_line_of_sight.py",),
     ),
     Mutation(
         "shadowing makes links better",
-        "model/radio/scene.py",
-        "        table[k, BASE_DBM] -= air.marks[mark, EXTRA_DB]\n",
-        "        table[k, BASE_DBM] += air.marks[mark, EXTRA_DB]\n",
+        "model/radio/stretches.py",
+        "        link.base_dbm -= mark.extra_db\n",
+        "        link.base_dbm += mark.extra_db\n",
         ("engine/test_line_of_sight.py",),
     ),
     Mutation(
@@ -457,7 +457,7 @@ MUTATIONS = (
     ),
     Mutation(
         "buildings do not matter",
-        "engine/air.py",
+        "engine/sky.py",
         "    return cells_as_prisms(height_m if blocks else 0.0 * height_m, world.grid.cell_m)\n",
         "    return cells_as_prisms(0.0 * height_m, world.grid.cell_m)\n",
         ("engine/test_line_of_sight.py",),

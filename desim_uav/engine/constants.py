@@ -135,8 +135,6 @@ def _radio(links: Links) -> Radio:
     made.flat = int(radio.flat)
     made.efficiencies = Table(links.efficiencies)
     if radio.graded:
-        made.carrier_ghz, made.power_dbm = radio.carrier_ghz, radio.power_dbm
-        made.noise_dbm = radio.budget.noise_dbm
         made.marked = int(radio.marked)
     return made
 

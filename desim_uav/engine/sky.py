@@ -2,101 +2,212 @@
 
 from __future__ import annotations
 
-from typing import Any
+from itertools import accumulate, chain
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.air import Room, fits_between, set_air, set_memory, set_room, windows_for
 from desim_uav.engine.constants import transit_row, transits_of
 from desim_uav.links import Links
 from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.motion.motion import TRAPEZOID
-from desim_uav.model.radio.marks import KINDS, MARK_COLUMNS
-from desim_uav.model.radio.tracks import TRACK_COLUMNS
-from desim_uav.rowcode.rows import Table, blank, held_by, is_row, origin_of
-from desim_uav.rowcode.views import in_memory
-from desim_uav.sky.rows import Change, Leg, Piece, Rings, Scene, Sky, Turn
+from desim_uav.model.radio.between import Window, window_rows
+from desim_uav.model.radio.buildings import Buildings, cells_as_prisms
+from desim_uav.model.radio.fits import NONE, Fits, fits_of
+from desim_uav.model.radio.links import LOOKS, Link, Look
+from desim_uav.model.radio.marks import KINDS, Mark, memory_for
+from desim_uav.model.radio.tracks import TrackRow
+from desim_uav.rowcode.rows import (
+    Table,
+    blank,
+    has_tables,
+    held_by,
+    is_row,
+    origin_of,
+)
+from desim_uav.rowcode.views import in_memory, zeros
+from desim_uav.sky.links import MOST_PASSED
+from desim_uav.sky.rows import Change, Leg, Piece, Propagation, Scene, Sky, Turn
 from desim_uav.sky.separation import most_turns
 from desim_uav.world import World
 
 
+class Room(NamedTuple):
+    """How much there is memory for: changes, marks of a sender, legs of a walk, and stretches.
+
+    The changes are those on a leg. The stretches are those of time in which buildings block
+    one line of sight.
+    """
+
+    changes: int
+    marks: int
+    legs: int
+    stretches: int
+
+
 def scene_of(world: World) -> Scene:
     """Return what the kernels of the sky know of a world."""
-    scene = blank(Scene)
+    scene: Any = blank(Scene)
     scene.separation_m = world.scenario.separation_m or 0.0
     scene.transits = Table(map(transit_row, transits_of(world)))
-    scene.rings = Table(_rings(world, links) for links in world.links)
+    thresholds = accumulate((len(links.thresholds_db) for links in world.links), initial=0)
+    scene.radios = Table(map(_propagation, world.links, thresholds, [world] * len(world.links)))
     scene.groups = Table(world.groups.tolist())
     buckets = bucket_grid(*world.area, world.reach_m)
     scene.buckets_x, scene.buckets_y = buckets
     scene.bucket_x_m, scene.bucket_y_m = (
         size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)
     )
-    set_air(scene, world)
-    return scene
+    if world.in_air:
+        scene.heights_m = Table(world.homes[:, 2].tolist())
+    if world.marked:
+        buildings = buildings_of(world)
+        scene.nx, scene.ny = world.grid.cells
+        scene.cell_x_m, scene.cell_y_m = world.grid.cell_m
+        scene.corners, scene.corners_at = buildings.corners, buildings.offsets
+        scene.roofs_m, scene.tallest_m = buildings.roofs_m, buildings.tallest_m
+        scene.built_at, scene.built = buildings.heads, buildings.members
+    made: Scene = scene
+    return made
 
 
-def _rings(world: World, links: Links) -> Rings:
-    """Return the rings of a radio's links."""
-    rings, fits = blank(Rings), fits_between(world, links)
-    rings.classes, rings.levels = len(links.efficiencies) - 1, len(links.rings_m)
-    rings.radii_m = Table(links.rings_m.reshape(-1).tolist())
-    rings.slabs = fits.terms.shape[3]
-    rings.terms = Table(fits.terms.reshape(-1).tolist())
-    rings.ranges = Table(fits.ranges.reshape(-1).tolist())
-    rings.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
-    if links.radio.graded:
-        rings.sight = KINDS[links.radio.sight]
-        if links.radio.shadowing is not None:
-            rings.los_shadow_db, rings.nlos_shadow_db = map(float, links.radio.shadowing)
-    return rings
+def _propagation(links: Links, lowest: int, world: World) -> Propagation:
+    """Return how the signals of a radio are received, without the functions of its path loss."""
+    made, radio, fits = blank(Propagation), links.radio, _fits_between(world, links)
+    made.classes, made.levels, made.lowest = len(links.efficiencies) - 1, len(links.rings_m), lowest
+    made.radii_m = Table(links.rings_m.reshape(-1).tolist())
+    made.slabs = fits.terms.shape[3]
+    made.terms = Table(fits.terms.reshape(-1).tolist())
+    made.ranges = Table(fits.ranges.reshape(-1).tolist())
+    made.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
+    if radio.graded:
+        made.sight = KINDS[radio.sight]
+        made.carrier_ghz, made.power_dbm = radio.carrier_ghz, radio.power_dbm
+        made.noise_dbm = radio.budget.noise_dbm
+        if radio.shadowing is not None:
+            made.los_shadow_db, made.nlos_shadow_db = map(float, radio.shadowing)
+    return made
+
+
+def _fits_between(world: World, links: Links) -> Fits:
+    """Return the radii of classes between the levels of a radio's links, if it needs them."""
+    radio, levels = links.radio, world.grid.levels_m
+    if (
+        links.free
+        or not links.in_air
+        or len(links.rings_m) != len(levels)
+        or radio.marked
+        or radio.reuse > 0
+    ):
+        return NONE
+    return fits_of(radio, levels, world.heights_m)
+
+
+def buildings_of(world: World) -> Buildings:
+    """Return the buildings that block lines of sight, which are the built cells of the map."""
+    blocks = any(links.radio.sight == "buildings" for links in world.links)
+    height_m = world.grid.height_m
+    return cells_as_prisms(height_m if blocks else 0.0 * height_m, world.grid.cell_m)
 
 
 def sky_of(world: World, room: Room) -> Sky:
     """Return the sky of an environment, whose legs are still to be written."""
     sky: Any = blank(Sky)
-    users, senders = (
-        len(world.homes),
-        world.scenario.drone_count + len(world.scenario.access_points),
-    )
+    users, senders = len(world.homes), _senders(world)
     sky.legs = Table(_leg(world, sender) for sender in range(senders))
     sky.from_us = sky.to_us = -1
     sky.seen = np.zeros(SEEN_ROWS * users)
     nx, ny = bucket_grid(*world.area, world.reach_m)
     sky.heads = np.zeros(nx * ny, np.int64)
     sky.following = np.zeros(users if nx * ny else 0, np.int64)
-    crossings = room.changes
-    tables = senders if world.links[0].radio.reuse > 0 else 1
-    sky.changes = np.zeros((crossings * tables, Change.words), np.int64)
+    sky.changes = zeros(Change, room.changes * (senders if _interferes(world) else 1))
     if world.graded:
-        sky.found = np.zeros((crossings, Change.words), np.int64)
-        sky.order = np.zeros(crossings, np.int64)
-        sky.windows = _windows(world).reshape(-1)
+        sky.found = zeros(Change, room.changes)
+        sky.order = np.zeros(room.changes, np.int64)
+        sky.windows = _windows(world)
     if world.scenario.separation_m is not None:
-        _set_pairs(sky, world)
-    set_memory(sky.air, world)
-    set_room(sky.air, world, room)
+        pieces = most_pieces(world)
+        sky.tracks, sky.turns = zeros(TrackRow, 2 * (pieces + 1)), zeros(Turn, most_turns(pieces))
+    if world.in_air:
+        _set_air(sky, world)
+    if world.marked:
+        _set_marks(sky, world, room)
     made: Sky = sky
     return made
 
 
-def _windows(world: World) -> NDArray[np.float64]:
+def _senders(world: World) -> int:
+    """Return the number of drones and access points."""
+    return world.scenario.drone_count + len(world.scenario.access_points)
+
+
+def _interferes(world: World) -> bool:
+    """Return whether senders interfere with each other."""
+    return bool(world.links[0].radio.reuse > 0)
+
+
+def _leg(world: World, sender: int) -> Leg:
+    """Return a leg of a sender, with memory for pieces of its own in free flight."""
+    leg = blank(Leg)
+    leg.band = sender % world.links[0].radio.reuse if _interferes(world) else sender
+    if sender < world.scenario.drone_count and world.type_of(sender).free:
+        leg.pieces = Table(blank(Piece) for _ in range(TRAPEZOID))
+    return leg
+
+
+def most_pieces(world: World) -> int:
+    """Return the number of pieces of the longest profile of a transit."""
+    own = TRAPEZOID if world.free else 0
+    return max(own, *(len(transit.profile) for transit in transits_of(world)))
+
+
+def _windows(world: World) -> NDArray[Any]:
     """Return memory for the windows of a leg between levels of any type of drones."""
-    fits = [fits_between(world, links) for links in world.links[: len(world.types)]]
-    return max((windows_for(world, each) for each in fits), key=len)
+    longest = max(len(transit.profile) for transit in transits_of(world))
+    fits = [_fits_between(world, links) for links in world.links[: len(world.types)]]
+    slabs = max(each.terms.shape[3] for each in fits)
+    made: NDArray[Any] = zeros(Window, window_rows(slabs, longest))
+    return made
+
+
+def _set_air(sky: Any, world: World) -> None:
+    """Set the memory for links whose changes are not those of rings."""
+    air, senders = sky.air, _senders(world)
+    air.links = Table(blank(Link) for _ in range(senders))
+    for link in air.links:
+        link.looks = zeros(Look, LOOKS)
+    air.looked_s = np.zeros(LOOKS)
+    thresholds = chain.from_iterable(links.thresholds_db for links in world.links)
+    air.thresholds_db = Table([*thresholds, 0.0])
+    air.tracks = zeros(TrackRow, senders * (most_pieces(world) + 1))
+    sky.held = np.zeros(senders * len(world.homes), np.int64)
+    sky.passed = zeros(Change, MOST_PASSED)
+
+
+def _set_marks(sky: Any, world: World, room: Room) -> None:
+    """Set the memory for marks, and that in which they are made."""
+    air, senders, making = sky.air, _senders(world), sky.making
+    sky.mark_rows = room.marks
+    air.marks = zeros(Mark, senders * room.marks)
+    air.marks_at = np.zeros(senders * (len(world.homes) + 1), np.int64)
+    buildings, cells = buildings_of(world), world.grid.cells
+    made = memory_for(most_pieces(world), room.legs, cells, buildings, room.stretches)
+    making.tracks, making.borders_s = made.tracks, made.borders_s
+    making.visits, making.turns = made.visits, made.turns
+    making.times_s, making.blocked, making.visited = made.buffers
 
 
 def enlarged(sky: Sky, world: World, room: Room) -> Sky:
     """Return a sky in memory with more room (see ``sky_of``), and all that the old one knows."""
-    made, had, rows = in_memory(sky_of(world, room)), sky.air.mark_rows, room.marks
+    made, had, rows = in_memory(sky_of(world, room)), sky.mark_rows, room.marks
     _copy(sky, made, Sky)
     if world.marked:
-        made.air.mark_rows = rows
-        marks: Any = made.air.marks
-        marks[:] = 0.0
+        made.mark_rows = rows
         old: Any = sky.air.marks
-        marks.reshape(-1, rows, MARK_COLUMNS)[:, :had] = old.reshape(-1, had, MARK_COLUMNS)
+        marks: Any = made.air.marks
+        marks.array[:] = 0
+        marks.array.reshape(-1, rows)[:, :had] = old.array.reshape(-1, had)
         begins: Any = made.air.marks_at
         moved = np.arange(len(sky.legs)) * (rows - had)
         begins[:] += np.repeat(moved, len(begins) // len(moved))
@@ -106,34 +217,15 @@ def enlarged(sky: Sky, world: World, room: Room) -> Sky:
 def _copy(one: Any, other: Any, kind: Any) -> None:
     """Copy the numbers of a view of a row to another one, whose tables may be longer."""
     for name, of in kind.kinds.items():
-        value = getattr(one, name)
+        value, its = getattr(one, name), getattr(other, name)
         if is_row(of):
-            _copy(value, getattr(other, name), of)
+            _copy(value, its, of)
         elif origin_of(of) is None:
             setattr(other, name, value)
-        elif not isinstance(value, np.ndarray):  # rows
-            for own, its in zip(value, getattr(other, name), strict=False):
-                _copy(own, its, held_by(of))
+        elif isinstance(value, np.ndarray):
+            its[: len(value)] = value
+        elif has_tables(held_by(of)):
+            for row, copied in zip(value, its, strict=False):
+                _copy(row, copied, held_by(of))
         else:
-            getattr(other, name)[: len(value)] = value
-
-
-def _set_pairs(sky: Sky, world: World) -> None:
-    """Set the memory for the distances of drones."""
-    pieces = most_pieces(world)
-    sky.tracks = Table([0.0] * (2 * (pieces + 1) * TRACK_COLUMNS))
-    sky.turns = Table(blank(Turn) for _ in range(most_turns(pieces)))
-
-
-def most_pieces(world: World) -> int:
-    """Return the number of pieces of the longest profile of a transit."""
-    own = TRAPEZOID if world.free else 0
-    return max(own, *(len(transit.profile) for transit in transits_of(world)))
-
-
-def _leg(world: World, sender: int) -> Leg:
-    """Return a leg of a sender, with memory for pieces of its own in free flight."""
-    leg = blank(Leg)
-    if sender < world.scenario.drone_count and world.type_of(sender).free:
-        leg.pieces = Table(blank(Piece) for _ in range(TRAPEZOID))
-    return leg
+            its.array[: len(value)] = value.array

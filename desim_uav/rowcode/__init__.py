@@ -7,13 +7,14 @@ packages use these names:
 - ``rows``: ``row`` and ``Row`` declare a record; ``Table``, ``BoundedTable`` and ``Queue`` are
   kinds of its fields. ``blank``, ``fill``, ``named``, ``attach``, ``packed``, ``place``,
   ``address``, ``bound`` and ``held_by`` make rows, read and write them.
-- ``views``: ``View``, ``in_memory``, ``array_of`` and ``dtype_of`` read and write rows in blocks of
-  memory.
+- ``views``: ``View``, ``in_memory``, ``array_of``, ``dtype_of``, ``zeros`` and ``records`` read and
+  write rows in blocks of memory.
 - ``kernels``: ``rule``, ``rare_rule``, ``apart``, ``kernel``, ``maker`` and ``part`` say how a
   function is compiled; ``stands_in_for`` replaces a function in compiled code. ``cache_folder``,
   ``compiled_before`` and ``only_from_disk`` are about the machine code that is kept on disk.
 - ``compiled_rows``: ``pointer_to``, ``address_of``, ``call`` and its typed variants call a compiled
-  function at an address; ``entries_at``, ``as_array`` and ``place_of`` reach into rows.
+  function at an address; ``entries_at``, ``array_at``, ``as_array`` and ``place_of`` reach
+  into rows.
   ``compiled_types``, ``compiled_entries`` and ``compiled_queues`` say what fields, tables and
   queues are in compiled code; ``set_word`` writes a word of a queue. ``compiled_registers``:
   copies of rows in registers, and choices without a branch.

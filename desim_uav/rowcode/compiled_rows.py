@@ -8,6 +8,7 @@ from desim_uav.rowcode.compiled_entries import first_of
 from desim_uav.rowcode.compiled_types import (
     F64,
     I64,
+    NUMBERS,
     Entries,
     Pointer,
     intrinsic,
@@ -186,6 +187,26 @@ def entries_at(of: Any, owner: str = "") -> Any:
             entries.data = builder.inttoptr(arguments[0], cgutils.voidptr_t)
             entries.count = arguments[1]
             return entries._getvalue()
+
+        return kind(I64, I64), generate
+
+    return intrinsic(at)
+
+
+def array_at(of: Any) -> Any:
+    """Return a function, for compiled code, that makes an array of an address and a count.
+
+    Its numbers are of type ``of``: int, float or np.uint64.
+    """
+    kind = types.Array(NUMBERS[of], 1, "C")
+
+    def at(typing_context: Any, address: Any, count: Any) -> Any:
+        def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+            pointer = context.get_value_type(kind.dtype).as_pointer()
+            data, size = builder.inttoptr(arguments[0], pointer), cgutils.intp_t(8)
+            made = context.make_array(kind)(context, builder)
+            populate_array(made, data, [arguments[1]], [size], size, meminfo=None)
+            return made._getvalue()
 
         return kind(I64, I64), generate
 

@@ -99,7 +99,13 @@ def type_of(kind: Any, owner: str) -> Any:
     return NUMBERS[kind]
 
 
-NUMBERS = {int: I64, float: F64, bool: types.int8, np.float32: types.float32}
+NUMBERS = {
+    int: I64,
+    float: F64,
+    bool: types.int8,
+    np.float32: types.float32,
+    np.uint64: types.uint64,
+}
 BYTES = {bool: 1, np.float32: 4}
 
 

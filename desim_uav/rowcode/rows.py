@@ -44,7 +44,8 @@ class Table(list[T], Generic[T]):
     """A list of rows or numbers whose length does not change.
 
     ``Table(values)`` is a plain list, because indexing one of a subclass takes ten times as long. A
-    field may hold an array in its place: of numbers, or of rows of whole numbers.
+    field may hold an array in its place: of numbers, of rows of whole numbers, or a structured one
+    of rows (``views.records``).
     """
 
     __slots__ = ()
@@ -54,6 +55,11 @@ class Table(list[T], Generic[T]):
         if cls is Table:
             return BoundedTable(values) if CHECKED else list(values)  # type: ignore[return-value]
         return super().__new__(cls)
+
+
+Floats = NDArray[np.float64] | Table[float]
+Ints = NDArray[np.int64] | Table[int]
+"""Numbers in an array, or in a table of a row."""
 
 
 class Queue(list[T], Generic[T]):
@@ -241,10 +247,10 @@ def fill(cls: type[R], values: Iterable[Any]) -> R:
 
 
 @cache
-def _has_tables(cls: type[Row]) -> bool:
+def has_tables(cls: type[Row]) -> bool:
     """Return whether rows of a class have tables or queues, or rows that have some."""
     return any(
-        origin_of(kind) or (is_row(kind) and _has_tables(kind)) for kind in cls.kinds.values()
+        origin_of(kind) or (is_row(kind) and has_tables(kind)) for kind in cls.kinds.values()
     )
 
 
@@ -262,7 +268,7 @@ def bound(*rows: Row) -> None:
                 bound(value)
             elif origin_of(kind):
                 setattr(one, name, bounded(value))
-                if is_row(held_by(kind)) and _has_tables(held_by(kind)):
+                if is_row(held_by(kind)) and has_tables(held_by(kind)):
                     bound(*value)
 
 
@@ -357,7 +363,9 @@ class _Packer:
         """Write the entries of a table or queue behind everything."""
         of, begin = held_by(kind), self.end
         self.end += _length(kind, values) * width_of(of)
-        if isinstance(values, np.ndarray):
+        if isinstance(values, np.ndarray) and values.dtype.names:
+            self.block[begin : self.end] = values.view(np.int64)
+        elif isinstance(values, np.ndarray):
             self._numbers(of)[begin : begin + values.size] = values.reshape(-1)
         elif is_row(of):
             for k, value in enumerate(values):

@@ -138,3 +138,18 @@ def dtype_of(cls: type[Row]) -> np.dtype[Any]:
             "itemsize": 8 * cls.words,
         }
     )
+
+
+def zeros(cls: type[Row], count: int) -> Any:
+    """Return so many rows of a class without tables as a structured array, whose numbers are 0."""
+    made: Any = cls
+    return np.zeros(count, dtype_of(made))
+
+
+def records(cls: type[Row], numbers: Any) -> Any:
+    """Return rows of a class without tables as a structured array, of the numbers of each."""
+    numbers = np.asarray(numbers).reshape(-1, len(cls.kinds))
+    made = zeros(cls, len(numbers))
+    for column, name in enumerate(cls.kinds):
+        made[name] = numbers[:, column]
+    return made

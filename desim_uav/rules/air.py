@@ -3,40 +3,13 @@
 from __future__ import annotations
 
 from desim_uav.model.mobility.walks import LEG_COLUMNS
-from desim_uav.model.radio.scene import (
-    BAND,
-    BAND_NOISE_DBM,
-    BEGUN_US,
-    BOUNDS_AT,
-    CARRIER_GHZ,
-    LEVEL_AT,
-    LOSS_COLUMNS,
-    MARKED_US,
-    PLACE_COLUMNS,
-    POWER_DBM,
-    RADIO,
-    RADIO_COLUMNS,
-    SENDER_COLUMNS,
-    SERVES,
-    TRANSIT,
-    VALUES_AT,
-    X0,
-    X1,
-    Y0,
-    Y1,
-    Z0,
-    Z1,
-)
 from desim_uav.rowcode.compiled_rows import call_for_int
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rowcode.rows import address
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
-from desim_uav.rules.transits import heights_of, way_of
+from desim_uav.rules.transits import show_leg
 from desim_uav.rules.walks import know_walks, walks_of
-from desim_uav.rules.words import LOST, NEVER, OWN
-
-PROFILE = 4
-"""The rows of the profile of a drone in free flight, which are 0 while it hovers."""
+from desim_uav.rules.words import LOST, NEVER
 
 
 @rule
@@ -56,7 +29,7 @@ def keeps_rings(world: Constants, drone: Drone) -> bool:
 @rule
 def goes_between(world: Constants, drone: Drone) -> bool:
     """Return whether a drone passes between neighbouring levels, where the rings are known."""
-    known = len(world.scene.rings[drone.radio].terms) > 0
+    known = len(world.scene.radios[drone.radio].terms) > 0
     return known and abs(drone.to_level - drone.level) == 1
 
 
@@ -103,55 +76,9 @@ def number_in_draws(drone: Drone) -> int:
 
 
 @rule
-def place_drones(world: Constants, state: State) -> None:
-    """Write the radios, the legs of all drones, and whether they serve, to ``state.sky.air``."""
-    air = state.sky.air
-    for r in range(len(world.radios)):
-        radio, at = world.radios[r], r * LOSS_COLUMNS
-        air.losses[at + LEVEL_AT], air.losses[at + BOUNDS_AT] = radio.level, radio.rates
-        air.losses[at + VALUES_AT], air.chances[r] = radio.loss_values, radio.p_los
-        air.radios[r * RADIO_COLUMNS + CARRIER_GHZ] = radio.carrier_ghz
-        air.radios[r * RADIO_COLUMNS + BAND_NOISE_DBM] = radio.noise_dbm
-    for d in range(len(state.senders)):
-        drone, at, own = state.senders[d], d * PLACE_COLUMNS, d * SENDER_COLUMNS
-        air.ways[at + X0], air.ways[at + Y0], air.ways[at + X1], air.ways[at + Y1] = way_of(
-            world, drone
-        )
-        air.ways[at + Z0], air.ways[at + Z1] = heights_of(world, drone)
-        air.ways[at + POWER_DBM] = world.radios[drone.radio].power_dbm
-        air.senders[own + BEGUN_US] = drone.since_us
-        air.senders[own + TRANSIT] = number_of_profile(state, drone)
-        air.senders[own + SERVES], air.senders[own + RADIO] = drone.serving, drone.radio
-        air.senders[own + BAND] = d % world.reuse if world.reuse > 0 else d
-        air.senders[own + MARKED_US] = drone.marked_us
-
-
-@rule
-def number_of_profile(state: State, drone: Drone) -> int:
-    """Return the number of the profile of a drone's transit, which is written in free flight.
-
-    The profiles of drones in free flight, by drone, come after those of the world's transits.
-    """
-    air = state.sky.air
-    if len(air.pieces) == 0 or not drone.off_grid:
-        return drone.transit
-    pieces, flies = drone.course.flight.pieces, drone.transit == OWN
-    number = len(air.pieces_at) - 1 - len(state.senders) + drone.index
-    for k in range(PROFILE):
-        at = 4 * (air.pieces_at[number] + k)
-        for column in range(4):
-            air.pieces[at + column] = 0.0
-        if flies:
-            piece = pieces[k]
-            air.pieces[at], air.pieces[at + 1] = piece.start_s, piece.from_m
-            air.pieces[at + 2], air.pieces[at + 3] = piece.speed_mps, piece.acceleration_mps2
-    return number
-
-
-@rule
 def note_classes(state: State, drone: Drone) -> None:
-    """Write the classes of all users' links to a drone into ``state.sky.air``."""
-    held, first = state.sky.air.held, drone.index * len(state.users)
+    """Write the classes of all users' links to a drone to the sky."""
+    held, first = state.sky.held, drone.index * len(state.users)
     for u in range(len(state.users)):
         held[first + u] = state.users[u].classes[drone.index]
 
@@ -170,7 +97,8 @@ def show_air(world: Constants, path: Path, state: State, end_us: int) -> bool:
             state.faults |= LOST
         if walking.lost or walking.count * LEG_COLUMNS > len(walking.legs):
             return False
-    place_drones(world, state)
+    for d in range(len(state.senders)):
+        show_leg(world, state, state.senders[d])
     return True
 
 
@@ -190,9 +118,9 @@ def _mark(world: Constants, path: Path, state: State, drone: Drone, end_us: int)
     places = address(world.scene), address(state.sky), *walks_of(path, state)
     of_drone = address(path.link_key), len(path.link_key), drone.index, number_in_draws(drone)
     if call_for_int(world.mark, (*places, *of_drone, *span)) != 0:
-        state.sky.air.marks_lost = 1
+        state.sky.marks_lost = 1
     drone.marked_us, drone.marked_until_us = span
-    state.sky.air.senders[drone.index * SENDER_COLUMNS + MARKED_US] = drone.marked_us
+    state.sky.legs[drone.index].marked_us = drone.marked_us
 
 
 @apart

@@ -5,7 +5,6 @@ A user for whom the class of a drone's link is at least 1 is in the footprint of
 
 from __future__ import annotations
 
-from desim_uav.model.radio.air import FOUND, FOUND_COLUMNS
 from desim_uav.rowcode.compiled_rows import call_for_int
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rowcode.rows import address
@@ -131,7 +130,7 @@ def _foresee_all(world: Constants, path: Path, state: State, end_us: int) -> Non
     shown, senders = show_air(world, path, state, end_us), len(state.senders)
     for d in range(senders):
         drone = state.senders[d]
-        state.sky.air.sought[d] = 0
+        state.sky.legs[d].sought = 0
         if drone.serving and keeps_rings(world, drone):
             foresee_rings(world, path, state, drone, end_us - state.now_us)
         elif drone.serving:
@@ -139,16 +138,16 @@ def _foresee_all(world: Constants, path: Path, state: State, end_us: int) -> Non
             if shown:
                 mark_all(world, path, state, drone, end_us)
                 note_classes(state, drone)
-                state.sky.air.sought[d] = 1
+                state.sky.legs[d].sought = 1
     if not shown:
         return
     places = address(world.scene), address(state.sky), *walks_of(path, state)
     call_for_int(world.foresee_all, (*places, state.now_us, end_us))
     room = len(state.sky.changes) // senders
     for d in range(senders):
-        if state.sky.air.sought[d]:
-            count = state.sky.air.found[d * FOUND_COLUMNS + FOUND]
-            state.senders[d].ahead.take(state.sky.changes, d * room, count)
+        leg = state.sky.legs[d]
+        if leg.sought:
+            state.senders[d].ahead.take(state.sky.changes, d * room, leg.changes)
 
 
 @rule

@@ -15,7 +15,7 @@ def look_anew(world: Constants, path: Path, state: State) -> None:
     look, sky = state.look, state.sky
     sky.from_us = sky.to_us = look.walked_us = -1
     look.stand = stand(world, path)
-    look.walking.begun = look.walking.lost = sky.air.marks_lost = 0
+    look.walking.begun = look.walking.lost = sky.marks_lost = 0
     for k in range(len(sky.air.marks_at)):
         sky.air.marks_at[k] = 0
 

@@ -14,15 +14,17 @@ from desim_uav.model.geometry.coverage import (
 )
 from desim_uav.model.geometry.crossings import crossings, crossings_near
 from desim_uav.model.mobility.walks import LEG_COLUMNS
-from desim_uav.model.radio.between import WINDOW_COLUMNS, Climb, class_changes_between
+from desim_uav.model.radio.between import Climb, class_changes_between
 from desim_uav.model.radio.fits import TERM_COLUMNS
+from desim_uav.model.radio.links import changes_at
 from desim_uav.model.radio.nested import class_changes
 from desim_uav.rowcode.compiled_rows import as_array, entries_at, pointer_to
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule
-from desim_uav.sky.order import CHANGE_COLUMNS, sort_last_first, spread_last_first
-from desim_uav.sky.rows import Leg, Rings, Scene, Sky
+from desim_uav.sky.flights import pieces_of
+from desim_uav.sky.order import sort_last_first, spread_last_first
+from desim_uav.sky.rows import Change, Leg, Propagation, Scene, Sky
 
-PIECE_COLUMNS = 4
+PIECE_COLUMNS, CHANGE_COLUMNS = 4, Change.words
 
 scene_at: Any = pointer_to(Scene)
 sky_at: Any = pointer_to(Sky)
@@ -56,7 +58,7 @@ def foresee_discs(
     _look(at, own, users, span)
     changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
     count = _cross_disc(at, own, users, own.legs[sender], span, changes)
-    sort_last_first(changes[: min(count, room)])
+    sort_last_first(changes_at(out, room), min(count, room))
     return count
 
 
@@ -80,7 +82,7 @@ def foresee_rings(
     """
     at, own = scene_at(scene), sky_at(sky)
     leg, span = own.legs[sender], (start_us, until_us)
-    rings, users = at.rings[leg.radio], _users_of(at, own, walks, numbers, begins)
+    rings, users = at.radios[leg.radio], _users_of(at, own, walks, numbers, begins)
     _look(at, own, users, span)
     changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
     if not _is_between(rings, leg) and _is_disc(rings, leg):
@@ -89,10 +91,9 @@ def foresee_rings(
         count = _cross_rings(at, own, users, leg, span, changes)
     kept = min(count, room)
     if rings.classes == 1:
-        sort_last_first(changes[:kept])
+        sort_last_first(changes_at(out, room), kept)
     else:
-        found = as_array(own.found, (kept, CHANGE_COLUMNS))
-        spread_last_first(found, as_array(own.order, (kept,)), changes[:kept])
+        spread_last_first(own.found, kept, own.order, changes_at(out, room))
     return count
 
 
@@ -111,7 +112,7 @@ def _cross_disc(
     scene: Scene, sky: Sky, users: Users, leg: Leg, span_us: tuple[int, int], out: Any
 ) -> int:
     """Write the entries and exits on a leg, and return their number."""
-    rings = scene.rings[leg.radio]
+    rings = scene.radios[leg.radio]
     flown = _flown(scene, leg, span_us, rings.radii_m[leg.level * _circles(rings)])
     if len(sky.heads) > 0:
         return crossings_near(flown, users, _buckets_of(scene, sky), sky.far_m, out)
@@ -126,8 +127,8 @@ def _cross_rings(
 
     They are written to ``Sky.found`` if links have several classes, and else to ``changes``.
     """
-    rings = scene.rings[leg.radio]
-    of_users, levels = as_array(scene.groups, (len(scene.groups),)), rings.levels
+    rings = scene.radios[leg.radio]
+    of_users, levels = scene.groups, rings.levels
     groups = len(rings.radii_m) // (levels * rings.classes)
     radii_m = as_array(rings.radii_m, (levels, groups, rings.classes))
     own_m = radii_m[leg.level]
@@ -146,26 +147,26 @@ def _cross_rings(
             bounds_m[1],
             as_array(rings.terms, (levels - 1, *shape, rings.slabs, TERM_COLUMNS))[lower],
             as_array(rings.ranges, ranges)[lower],
-            as_array(sky.windows, (len(sky.windows) // WINDOW_COLUMNS, WINDOW_COLUMNS)),
+            sky.windows,
         )
         return class_changes_between(flown, climb, users, of_users, out)
     return class_changes(flown, users, own_m, of_users, out)
 
 
 @rule
-def _is_between(rings: Rings, leg: Leg) -> bool:
+def _is_between(rings: Propagation, leg: Leg) -> bool:
     """Return whether a leg leads between two levels where the rings are known."""
     return leg.level != leg.to_level and len(rings.terms) > 0
 
 
 @rule
-def _circles(rings: Rings) -> int:
+def _circles(rings: Propagation) -> int:
     """Return the number of circles of a radio on each level."""
     return len(rings.radii_m) // rings.levels
 
 
 @rule
-def _is_disc(rings: Rings, leg: Leg) -> bool:
+def _is_disc(rings: Propagation, leg: Leg) -> bool:
     """Return whether one circle is the same for all users: at one height a footprint is."""
     return _circles(rings) == 1 and rings.radii_m[leg.level] >= 0.0
 
@@ -176,7 +177,7 @@ def _users_of(scene: Scene, sky: Sky, walks: int, numbers: int, begins: int) -> 
     count, rows = len(scene.groups), numbers // LEG_COLUMNS
     return Users(
         as_array(floats_at(walks, numbers), (rows, LEG_COLUMNS)),
-        as_array(ints_at(begins, count + 1), (count + 1,)),
+        ints_at(begins, count + 1),
         as_array(sky.seen, (SEEN_ROWS, count)),
     )
 
@@ -195,7 +196,7 @@ def _buckets_of(scene: Scene, sky: Sky) -> Any:
 @rule
 def _flown(scene: Scene, leg: Leg, span_us: tuple[int, int], radius_m: float) -> Any:
     """Return a leg in a span, with the radius of the sender's footprint."""
-    pieces = leg.pieces if leg.transit < 0 else scene.transits[leg.transit].pieces
+    pieces = pieces_of(scene, leg)
     return DroneLeg(
         as_array(pieces, (len(pieces), PIECE_COLUMNS)),
         (leg.x0_m, leg.y0_m, leg.x1_m, leg.y1_m),

@@ -7,51 +7,34 @@ from typing import Any
 import numpy as np
 
 from desim_uav.model.mobility.walks import LEG_COLUMNS
-from desim_uav.model.radio.air import (
-    FOUND,
-    FOUND_AT,
-    FOUND_COLUMNS,
-    FOUND_ROOM,
-    class_changes_in_air,
-    class_changes_of_all,
-    pair_changes,
-)
-from desim_uav.model.radio.links import LINK_COLUMNS, LINK_WORDS, LOOKED, LOOKED_COLUMNS, LOOKS
-from desim_uav.model.radio.marks import CHANGE_COLUMNS as SEEN_COLUMNS
-from desim_uav.model.radio.marks import MARK_COLUMNS, VISIT_COLUMNS, Memory, Sight, marks_of
-from desim_uav.model.radio.scene import (
-    BEGUN_US,
-    LOSS_COLUMNS,
-    PLACE_COLUMNS,
-    RADIO,
-    RADIO_COLUMNS,
-    SENDER_COLUMNS,
-    TRANSIT,
-    VALUES_AT,
-    X0,
-    X1,
-    Y0,
-    Y1,
-    Z0,
-    Z1,
-    Air,
-)
-from desim_uav.model.radio.sight import Buffers, Buildings
-from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
-from desim_uav.rowcode.compiled_rows import as_array, entries_at, pointer_to
+from desim_uav.model.radio.air import find_better, find_classes
+from desim_uav.model.radio.buildings import Buffers, Buildings
+from desim_uav.model.radio.chances import Odds
+from desim_uav.model.radio.links import OTHER, SIGNAL, begin_user, changes_at
+from desim_uav.model.radio.marks import DRAWN, Marks, Memory, Sight, marks_of
+from desim_uav.model.radio.slopes import DB
+from desim_uav.model.radio.tracks import Walkers, fly
+from desim_uav.model.radio.visits import Cells
+from desim_uav.rowcode.compiled_rows import array_at, as_array, entries_at, pointer_to
 from desim_uav.rowcode.kernels import kernel, rule
-from desim_uav.sky.order import CHANGE_COLUMNS, sort_last_first
-from desim_uav.sky.rows import Scene, Sky
+from desim_uav.rowcode.rows import address
+from desim_uav.sky.flights import flight_of
+from desim_uav.sky.order import sort_last_first
+from desim_uav.sky.rows import Leg, Scene, Sky
 
-PIECE_COLUMNS, MOST_PASSED = 4, 64
-"""The most rows of a pair of levels that are kept; only the first of them counts."""
+MOST_PASSED = 64
+"""The most changes of a pair of levels that are kept; only the first of them counts."""
 
 NEVER = 2**62
 """A time after all others, in microseconds."""
 
+NO_ROWS: Any = np.int64(0)
+"""A number of rows; for a literal one, Numba would compile functions anew."""
+
 scene_at: Any = pointer_to(Scene)
 sky_at: Any = pointer_to(Sky)
 floats_at, ints_at = entries_at(float), entries_at(int)
+key_at = array_at(np.uint64)
 
 
 @kernel
@@ -69,17 +52,25 @@ def foresee_in_air(
 ) -> int:
     """Write all changes on a sender's leg to ``out``, and return their number.
 
-    ``Sky.air`` must have the legs of all senders, the classes that the links have now, and all
-    marks until then. For the rest see ``foresee.foresee_discs``.
+    The sky must have the legs of all senders, the classes that the links have now, and all marks
+    until then. For the rest see ``foresee.foresee_discs``. All other senders of the same band that
+    serve interfere.
     """
-    at, own = scene_at(scene), sky_at(sky)
-    changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
-    users = len(at.heights_m)
-    held = as_array(own.air.held, (len(own.legs), users))[sender]
-    air = _air_of(at, own, (walks, numbers, begins))
-    count = class_changes_in_air(air, sender, (start_us, until_us), held, False, changes)
-    sort_last_first(changes[: min(count, room)])
-    return count
+    at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
+    air, users, band = own.air, _walkers_of(at, walks, numbers, begins), own.legs[sender].band
+    air.links[SIGNAL].sender, air.used = sender, 1
+    for other in range(len(own.legs)):
+        if other != sender and _interferes(own.legs[other], band):
+            air.links[air.used].sender = other
+            air.used += 1
+    _begin_links(at, own, span)
+    signal, first = air.links[SIGNAL], sender * len(at.heights_m)
+    signal.out, signal.room = out, room
+    for user in range(len(at.heights_m)):
+        begin_user(signal, own.held[first + user])
+        find_classes(air, users, span, user)
+    sort_last_first(changes_at(out, room), min(signal.rows, room))
+    return int(signal.rows)
 
 
 @kernel
@@ -88,26 +79,54 @@ def foresee_all(
 ) -> int:
     """Write all changes of the senders that are ``sought`` to ``Sky.changes``.
 
-    Each sender has the same part of this table. The numbers of changes are written to
-    ``Sky.air.found``; the largest of them is returned.
+    Each sender has the same part of this table. The numbers of changes are written to their legs;
+    the largest of them is returned. Senders of one band share the levels and the bounds that are
+    computed for a user.
     """
-    at, own = scene_at(scene), sky_at(sky)
-    senders, most = len(own.legs), 0
+    at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
+    users, senders, most = _walkers_of(at, walks, numbers, begins), len(own.legs), 0
     room = len(own.changes) // senders
-    changes = as_array(own.changes, (senders, room, CHANGE_COLUMNS))
-    found = as_array(own.air.found, (senders, FOUND_COLUMNS))
-    held = as_array(own.air.held, (senders, len(at.heights_m)))
-    for d in range(senders):
-        found[d, FOUND_AT], found[d, FOUND_ROOM], found[d, FOUND] = 0, room, 0
-        if own.air.sought[d]:
-            found[d, FOUND_AT] = changes[d].ctypes.data
-    air = _air_of(at, own, (walks, numbers, begins))
-    class_changes_of_all(air, (start_us, until_us), held, found)
-    for d in range(senders):
-        if own.air.sought[d]:
-            most = max(most, found[d, FOUND])
-            sort_last_first(changes[d, : min(found[d, FOUND], room)])
+    for one in range(senders):
+        own.legs[one].changes = 0
+    for one in range(senders):
+        if _begin_band(own, one):
+            _begin_links(at, own, span)
+            _find_in_band(own, users, span, room)
+    for one in range(senders):
+        leg = own.legs[one]
+        if leg.sought:
+            most = max(most, leg.changes)
+            changes = changes_at(address(own.changes[one * room]), room)
+            sort_last_first(changes, min(leg.changes, room))
     return most
+
+
+@rule
+def _begin_band(sky: Sky, one: int) -> bool:
+    """Take all senders that serve in the band of one, and return whether it is the first one."""
+    air, band = sky.air, sky.legs[one].band
+    air.used = 0
+    for other in range(len(sky.legs)):
+        if _interferes(sky.legs[other], band):
+            air.links[air.used].sender = other
+            air.used += 1
+    return bool(air.used > 0 and air.links[SIGNAL].sender == one)
+
+
+@rule
+def _find_in_band(sky: Sky, users: Walkers, span_us: tuple[int, int], room: int) -> None:
+    """Write the changes of all senders in a band that are sought."""
+    air, count = sky.air, len(users.heights_m)
+    for k in range(air.used):
+        link = air.links[k]
+        if sky.legs[link.sender].sought:
+            link.out, link.room = address(sky.changes[link.sender * room]), room
+    for user in range(count):
+        for k in range(air.used):
+            begin_user(air.links[k], sky.held[air.links[k].sender * count + user])
+        find_classes(air, users, span_us, user)
+    for k in range(air.used):
+        sky.legs[air.links[k].sender].changes = air.links[k].rows
 
 
 @kernel
@@ -126,11 +145,44 @@ def better_us(
     margin_db: float,
 ) -> int:
     """Return when one sender becomes better than another one (see ``rules.association``)."""
-    at, own = scene_at(scene), sky_at(sky)
-    passed = as_array(own.air.passed, (MOST_PASSED, 2))
-    air, span = _air_of(at, own, (walks, numbers, begins)), (start_us, until_us)
-    rows = pair_changes(air, user, one, other, margin_db, span, better, passed)
-    return passed[0, 0] if rows > 0 else NEVER
+    at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
+    air, users = own.air, _walkers_of(at, walks, numbers, begins)
+    air.links[SIGNAL].sender, air.links[OTHER].sender, air.used = one, other, 2
+    _begin_links(at, own, span)
+    signal, last = air.links[SIGNAL], len(air.thresholds_db) - 1
+    signal.noise_dbm, air.thresholds_db[last] = -np.inf, margin_db
+    signal.lowest, signal.top = last, last + 1
+    signal.out, signal.room = address(own.passed), len(own.passed)
+    begin_user(signal, better)
+    air.links[OTHER].sought = 0
+    find_better(air, users, span, user, margin_db)
+    return own.passed[0].t_us if signal.rows > 0 else NEVER
+
+
+@rule
+def _interferes(leg: Leg, band: int) -> bool:
+    """Return whether a sender interferes with others in a band."""
+    return bool(leg.serving and leg.band == band)
+
+
+@kernel
+def _begin_links(scene: Scene, sky: Sky, span_us: tuple[int, int]) -> None:
+    """Begin the links whose senders are known: write their tracks, and what is called for them."""
+    air, end = sky.air, NO_ROWS
+    air.start_us = span_us[0]
+    for k in range(air.used):
+        link = air.links[k]
+        leg = sky.legs[link.sender]
+        radio = scene.radios[leg.radio]
+        link.first = end
+        end = fly(flight_of(scene, leg), span_us, air.tracks, end)
+        link.after, link.radio = end, leg.radio
+        link.level, link.rates_of, link.values = radio.level, radio.rates, radio.loss_values
+        link.carrier_ghz, link.power_dbm = radio.carrier_ghz, radio.power_dbm
+        link.noise_dbm, link.noise_mw = radio.noise_dbm, np.exp(radio.noise_dbm / DB)
+        link.lowest, link.top = radio.lowest, radio.lowest + radio.classes
+        link.marked_us = leg.marked_us - span_us[0]
+        link.out = link.rows = 0
 
 
 @kernel
@@ -154,111 +206,61 @@ def mark(
     is needed is returned; below 0, it is minus the number of stretches (``model.radio.marks``).
     """
     at, own = scene_at(scene), sky_at(sky)
-    air, users = own.air, len(at.heights_m)
-    first = sender * air.mark_rows
-    out = as_array(air.marks, (len(air.marks) // MARK_COLUMNS, MARK_COLUMNS))
-    out = out[: first + air.mark_rows]
-    out_at = as_array(air.marks_at, (len(own.legs), users + 1))[sender]
-    out_at[0] = first
-    sight = _sight_of(at, own, (walks, numbers, begins), (key, words), sender)
-    end = marks_of(sight, number, (start_us, until_us), out, out_at)
-    if 0 <= end <= len(out):
+    air, users, first = own.air, _walkers_of(at, walks, numbers, begins), sender * own.mark_rows
+    leg, count = own.legs[sender], len(at.heights_m)
+    radio = at.radios[leg.radio]
+    sight = Sight(
+        radio.sight,
+        Odds(
+            key_at(key, words),
+            count,
+            number,
+            (radio.los_shadow_db, radio.nlos_shadow_db),
+            radio.p_los if radio.sight == DRAWN else 0,
+            radio.loss_values,
+        ),
+        Cells((at.cell_x_m, at.cell_y_m), (at.nx, at.ny)),
+        users,
+        flight_of(at, leg),
+        _buildings_of(at),
+        _memory_of(own),
+    )
+    begins_at = sender * (count + 1)
+    out = Marks(air.marks, air.marks_at, begins_at, first + own.mark_rows)
+    air.marks_at[begins_at] = first
+    end = marks_of(sight, (start_us, until_us), out)
+    if 0 <= end <= out.end:
         return 0
-    out_at[:] = first
+    for user in range(count + 1):
+        air.marks_at[begins_at + user] = first
     return end - first if end > 0 else end
 
 
 @rule
-def _walks_of(scene: Scene, walks: tuple[int, int, int]) -> Any:
-    """Return the legs of the users' walks, and the first one of each user."""
-    at, numbers, begins = walks
-    legs = as_array(floats_at(at, numbers), (numbers // LEG_COLUMNS, LEG_COLUMNS))
-    users = len(scene.groups)
-    return legs, as_array(ints_at(begins, users + 1), (users + 1,))
+def _walkers_of(scene: Scene, walks: int, numbers: int, begins: int) -> Walkers:
+    """Return the walks and the heights of the users."""
+    legs = as_array(floats_at(walks, numbers), (numbers // LEG_COLUMNS, LEG_COLUMNS))
+    return Walkers(legs, ints_at(begins, len(scene.groups) + 1), scene.heights_m)
 
 
 @rule
-def _profiles_of(scene: Scene, sky: Sky) -> Any:
-    """Return the profiles of all transits, and the first row of each."""
-    rows, begins = scene.profiles, scene.profiles_at
-    if len(sky.air.pieces) > 0:
-        rows, begins = sky.air.pieces, sky.air.pieces_at
-    pieces = as_array(rows, (len(rows) // PIECE_COLUMNS, PIECE_COLUMNS))
-    return pieces, as_array(begins, (len(begins),))
-
-
-@rule
-def _sight_of(
-    scene: Scene, sky: Sky, walks: tuple[int, int, int], key: tuple[int, int], sender: int
-) -> Any:
-    """Return what decides on the marks of links to a sender."""
-    own, (legs, legs_at) = sky.air, _walks_of(scene, walks)
-    place = as_array(own.ways, (len(sky.legs), PLACE_COLUMNS))[sender]
-    flown = as_array(own.senders, (len(sky.legs), SENDER_COLUMNS))[sender]
-    radio, transit = scene.rings[flown[RADIO]], flown[TRANSIT]
-    pieces, pieces_at = _profiles_of(scene, sky)
-    profile = pieces[pieces_at[transit] : pieces_at[transit + 1]]
-    route = (place[X0], place[Y0], place[Z0], place[X1], place[Y1], place[Z1])
-    cells, cell_m = (scene.nx, scene.ny), (scene.cell_x_m, scene.cell_y_m)
-    return Sight(
-        radio.sight,
-        as_array(ints_at(key[0], key[1]), (key[1],)).view(np.uint64),
-        (radio.los_shadow_db, radio.nlos_shadow_db),
-        cell_m,
-        cells,
-        legs,
-        legs_at,
-        as_array(scene.heights_m, (len(scene.heights_m),)),
-        Flight(profile, route, flown[BEGUN_US]),
-        own.chances[flown[RADIO]],
-        own.losses[flown[RADIO] * LOSS_COLUMNS + VALUES_AT],
-        Buildings(
-            as_array(scene.corners_m, (len(scene.corners_m) // 2, 2)),
-            as_array(scene.corners_at, (len(scene.corners_at),)),
-            as_array(scene.roofs_m, (len(scene.roofs_m),)),
-            cells,
-            cell_m,
-            as_array(scene.built_at, (len(scene.built_at),)),
-            as_array(scene.built, (len(scene.built),)),
-            scene.tallest_m,
-        ),
-        Memory(
-            as_array(own.flown, (len(own.flown) // TRACK_COLUMNS, TRACK_COLUMNS)),
-            as_array(own.borders_s, (len(own.borders_s),)),
-            as_array(own.visits, (len(own.visits) // VISIT_COLUMNS, VISIT_COLUMNS)),
-            as_array(own.seen, (len(own.seen) // SEEN_COLUMNS, SEEN_COLUMNS)),
-            Buffers(
-                as_array(own.times, (len(own.times),)),
-                as_array(own.stretches, (len(own.stretches) // 2, 2)),
-                as_array(own.visited, (len(own.visited),)),
-            ),
-        ),
+def _buildings_of(scene: Scene) -> Buildings:
+    """Return the buildings that block lines of sight."""
+    return Buildings(
+        scene.corners,
+        scene.corners_at,
+        scene.roofs_m,
+        (scene.nx, scene.ny),
+        (scene.cell_x_m, scene.cell_y_m),
+        scene.built_at,
+        scene.built,
+        scene.tallest_m,
     )
 
 
 @rule
-def _air_of(scene: Scene, sky: Sky, walks: tuple[int, int, int]) -> Any:
-    """Return what kernels know of senders and users."""
-    own, senders, radios = sky.air, len(sky.legs), len(scene.rings)
-    legs, legs_at = _walks_of(scene, walks)
-    pieces, pieces_at = _profiles_of(scene, sky)
-    return Air(
-        as_array(own.ways, (senders, PLACE_COLUMNS)),
-        as_array(own.senders, (senders, SENDER_COLUMNS)),
-        pieces,
-        pieces_at,
-        as_array(own.losses, (radios, LOSS_COLUMNS)),
-        as_array(own.radios, (radios, RADIO_COLUMNS)),
-        as_array(scene.thresholds_db, (len(scene.thresholds_db),)),
-        as_array(scene.thresholds_at, (len(scene.thresholds_at),)),
-        legs,
-        legs_at,
-        as_array(scene.heights_m, (len(scene.heights_m),)),
-        as_array(own.marks, (len(own.marks) // MARK_COLUMNS, MARK_COLUMNS)),
-        as_array(own.marks_at, (len(own.marks_at),)),
-        as_array(own.tracks, (len(own.tracks) // TRACK_COLUMNS, TRACK_COLUMNS)),
-        as_array(own.table, (senders, LINK_COLUMNS)),
-        as_array(own.link_words, (senders, LINK_WORDS)),
-        as_array(own.looks, (LOOKS, LOOKED + LOOKED_COLUMNS * senders)),
-        as_array(own.bound_db, (1,)),
-    )
+def _memory_of(sky: Sky) -> Memory:
+    """Return the memory in which marks are made."""
+    own = sky.making
+    buffers = Buffers(own.times_s, own.blocked, own.visited)
+    return Memory(own.tracks, own.borders_s, own.visits, own.turns, buffers)

@@ -6,7 +6,25 @@ state of its episode: before a kernel is called, the rules write the legs that i
 
 from __future__ import annotations
 
+from desim_uav.model.radio.between import Window
+from desim_uav.model.radio.buildings import Corner, Stretch
+from desim_uav.model.radio.links import Air, Change
+from desim_uav.model.radio.tracks import TrackRow, Turn
+from desim_uav.model.radio.visits import Visit
 from desim_uav.rowcode.rows import Row, Table, row
+
+__all__ = [
+    "Air",
+    "Change",
+    "Leg",
+    "Making",
+    "Piece",
+    "Propagation",
+    "Scene",
+    "Sky",
+    "TransitRow",
+    "Turn",
+]
 
 
 @row
@@ -32,15 +50,19 @@ class TransitRow(Row):
 
 
 @row
-class Rings(Row):
-    """Where the links of a radio have their classes, while nothing interferes.
+class Propagation(Row):
+    """How the signals of a radio are received, and where links have their classes.
 
     ``sight`` is the kind of line of sight (``model.radio.marks``), and ``los_shadow_db`` and
-    ``nlos_shadow_db`` are the standard deviations of the shadowing.
-    ``radii_m`` has the radii of all classes from 1 on, by level and then by the groups into which
-    users fall by their heights; an access point has one level. ``terms`` to ``bounds_m`` are the
-    fits between levels, with so many ``slabs`` between two of them (``model.radio.fits.Fits``), or
-    empty.
+    ``nlos_shadow_db`` are the standard deviations of the shadowing. ``level``, ``rates`` and
+    ``p_los`` are the addresses of functions of the path loss (``model.radio.levels``), and
+    ``loss_values`` is that of its fields. ``lowest`` is the number of the radio's first threshold
+    in ``Air.thresholds_db``.
+
+    While nothing interferes, classes hold within circles. ``radii_m`` has the radii of all classes
+    from 1 on, by level and then by the groups into which users fall by their heights; an access
+    point has one level. ``terms`` to ``bounds_m`` are the fits between levels, with so many
+    ``slabs`` between two of them (``model.radio.fits.Fits``), or empty.
     """
 
     classes: int
@@ -48,6 +70,14 @@ class Rings(Row):
     sight: int
     los_shadow_db: float
     nlos_shadow_db: float
+    carrier_ghz: float
+    power_dbm: float
+    noise_dbm: float
+    level: int
+    rates: int
+    p_los: int
+    loss_values: int
+    lowest: int
     radii_m: Table[float]
     slabs: int
     terms: Table[float]
@@ -57,15 +87,13 @@ class Rings(Row):
 
 @row
 class Scene(Row):
-    """What does not change in a run: transits, rings, users' heights, and a least distance.
+    """What does not change in a run: transits, radios, users' heights, and a least distance.
 
-    ``transits`` are those of ``rules.rows.Constants``, and ``rings`` those of its ``radios``.
-    ``groups`` are those of the users by height. Users are sorted by place into buckets. What
-    ``model.radio.air`` needs to know is from ``heights_m`` (those of users) to ``profiles_at``:
-    the thresholds of all radios, of which radio r has those from ``thresholds_at[r]`` on, and the
-    ``profiles`` of all transits. The buildings that block lines of sight are from ``corners_m`` to
-    ``tallest_m`` (see ``model.radio.sight.Buildings``): building b has the corners from
-    ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]`` on.
+    ``transits`` and ``radios`` have the numbers of those of ``rules.rows.Constants``. ``groups``
+    are those of the users by height, and ``heights_m`` their heights, if a search needs them
+    (``model.radio.air``). Users are sorted by place into buckets. The buildings that block lines of
+    sight are from ``corners`` to ``tallest_m`` (see ``model.radio.buildings``): building b has the
+    corners from ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]`` on.
     """
 
     separation_m: float
@@ -74,18 +102,14 @@ class Scene(Row):
     bucket_x_m: float
     bucket_y_m: float
     transits: Table[TransitRow]
-    rings: Table[Rings]
+    radios: Table[Propagation]
     groups: Table[int]
     heights_m: Table[float]
-    thresholds_db: Table[float]
-    thresholds_at: Table[int]
-    profiles: Table[float]
-    profiles_at: Table[int]
     nx: int
     ny: int
     cell_x_m: float
     cell_y_m: float
-    corners_m: Table[float]
+    corners: Table[Corner]
     corners_at: Table[int]
     roofs_m: Table[float]
     built_at: Table[int]
@@ -98,8 +122,10 @@ class Leg(Row):
     """The leg of a sender since ``since_us``: a straight flight by a transit, and then a hover.
 
     ``transit`` is the number of one of ``Scene.transits``, or below 0 if the ``pieces`` of the leg
-    are its own, in free flight. ``level`` and ``to_level`` are those at its ends, ``radio`` is the
-    number of the sender's radio, and ``serving`` says whether it has served users before.
+    are its own, in free flight. ``level`` and ``to_level`` are those at its ends. The sender has a
+    ``radio`` of a number and transmits in a ``band``, and ``serving`` says whether it has served
+    users before. Its marks count since ``marked_us``. If all changes of it are ``sought``
+    (``links.foresee_all``), so many ``changes`` are found.
     """
 
     x0_m: float
@@ -113,73 +139,25 @@ class Leg(Row):
     level: int
     to_level: int
     radio: int
+    band: int
     serving: int
+    marked_us: int
+    sought: int
+    changes: int
     pieces: Table[Piece]
 
 
 @row
-class Change(Row):
-    """The change of a link between a sender and a user to another class.
+class Making(Row):
+    """The memory in which marks are made (``model.radio.marks.Memory``)."""
 
-    ``change`` is the new class if the link rises to it, and minus the new class if it falls to it.
-    Class 0 is no link. With the paper's disc, which has one class, 1 is the entry of a user into
-    the footprint and 0 its exit.
-    """
-
-    t_us: int
-    user: int
-    change: int
-
-
-@row
-class Turn(Row):
-    """The time at which a pair of drones comes too ``near`` (1) or parts (0)."""
-
-    t_us: int
-    near: int
-
-
-@row
-class AirTables(Row):
-    """What ``model.radio.air`` knows of drones, and the memory in which it works.
-
-    For ``ways`` (places) to ``looks`` see ``model.radio.scene.Air``. ``chances`` are the addresses
-    of the radios' probabilities of line of sight. ``sought`` says whether changes of a sender are
-    sought. ``held`` are the classes of the links to each sender before a span, ``found`` says where
-    their changes are written (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a
-    pair of levels. ``marks`` has ``mark_rows`` rows for each sender; ``marks_lost`` says that they
-    were too few, or the memory in which marks are made (``model.radio.marks.Memory``), from
-    ``flown`` (tracks) to ``visited``. In free flight, ``pieces`` has ``Scene.profiles`` and then
-    the profile of each sender, of four rows, which drones in free flight use.
-    """
-
-    ways: Table[float]
-    senders: Table[int]
-    losses: Table[int]
-    radios: Table[float]
-    marks: Table[float]
-    marks_at: Table[int]
-    tracks: Table[float]
-    table: Table[float]
-    bound_db: Table[float]
-    link_words: Table[int]
-    looks: Table[float]
-    chances: Table[int]
-    sought: Table[int]
-    held: Table[int]
-    found: Table[int]
-    passed: Table[int]
-    mark_rows: int
-    marks_lost: int
-    flown: Table[float]
+    tracks: Table[TrackRow]
     borders_s: Table[float]
-    visits: Table[float]
-    seen: Table[int]
-    times: Table[float]
-    stretches: Table[float]
+    visits: Table[Visit]
+    turns: Table[Turn]
+    times_s: Table[float]
+    blocked: Table[Stretch]
     visited: Table[int]
-    pieces: Table[float]
-    pieces_at: Table[int]
 
 
 @row
@@ -190,8 +168,13 @@ class Sky(Row):
     (``coverage.SEEN_ROWS``), and ``heads`` and ``following`` are the users in buckets, of whom none
     moves farther than ``far_m`` along an axis. ``changes`` are those on a leg. ``windows``,
     ``found`` and ``order`` are memory if links have classes. ``tracks`` is memory for the tracks of
-    two legs (``model.radio.tracks``), and ``turns`` are those of a pair of drones. Both are empty
-    if drones need not keep a distance. ``air`` is for links whose changes are not those of rings.
+    two legs, and ``turns`` are those of a pair of drones, whose state is 1 while they are too near.
+    Both are empty if drones need not keep a distance.
+
+    The rest is for links whose changes are not those of rings: the classes ``held`` before a span,
+    by sender and user; the changes by which one level ``passed`` another; and memory for marks, of
+    which each sender has ``mark_rows``. ``marks_lost`` says that they were too few, or the memory
+    in which they are made.
     """
 
     legs: Table[Leg]
@@ -202,9 +185,14 @@ class Sky(Row):
     heads: Table[int]
     following: Table[int]
     changes: Table[Change]
-    windows: Table[float]
+    windows: Table[Window]
     found: Table[Change]
     order: Table[int]
-    tracks: Table[float]
+    tracks: Table[TrackRow]
     turns: Table[Turn]
-    air: AirTables
+    air: Air
+    held: Table[int]
+    passed: Table[Change]
+    mark_rows: int
+    marks_lost: int
+    making: Making

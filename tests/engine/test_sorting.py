@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from desim_uav.sky.order import CHANGE_COLUMNS, MANY, spread_last_first
+from desim_uav.rowcode.rows import blank, fill
+from desim_uav.sky.order import MANY, spread_last_first
+from desim_uav.sky.rows import Change
 
 
 def plainly(rows):
@@ -25,6 +27,6 @@ def test_changes_are_spread_into_order(count, latest_us, uneven):
     _, first = np.unique(np.column_stack([times, users]), axis=0, return_index=True)
     first = np.sort(first)
     rows = np.column_stack([times, users, rng.integers(-14, 15, count)])[first] + (10**12, 0, 0)
-    out = np.zeros((len(rows), CHANGE_COLUMNS), np.int64)
-    spread_last_first(rows, np.zeros(len(rows), np.int64), out)
-    assert out.tolist() == plainly(rows)
+    out, changes = [blank(Change) for _ in rows], [fill(Change, row) for row in rows.tolist()]
+    spread_last_first(changes, len(rows), [0] * len(rows), out)
+    assert [[row.t_us, row.user, row.change] for row in out] == plainly(rows)

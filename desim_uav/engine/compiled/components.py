@@ -15,8 +15,8 @@ from desim_uav.model.energy.battery import RowEnergy
 from desim_uav.model.energy.charging import RowCharging
 from desim_uav.model.mobility.walking import WALK, RowMobility
 from desim_uav.model.observations import RowObservation
+from desim_uav.model.radio.chances import P_LOS
 from desim_uav.model.radio.levels import BOUNDS, LEVEL
-from desim_uav.model.radio.marks import P_LOS
 from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sharing import RowSharing
@@ -210,6 +210,10 @@ RADIO_SLOTS = (
         "sharing_values",
         (Function("divide", _divide, (Constants, State, Drone, int)),),
     ),
+)
+"""The components of a radio; the key of each follows that of the radio."""
+
+LOSS_SLOTS = (
     Slot(
         "path_loss",
         RowPathLoss,
@@ -218,7 +222,7 @@ RADIO_SLOTS = (
         (LEVEL, BOUNDS, P_LOS),
     ),
 )
-"""The components of a radio; the key of each follows that of the radio."""
+"""Those of a radio whose functions are in the scene, and not in the row of the radio."""
 
 
 def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> str:

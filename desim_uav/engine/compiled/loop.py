@@ -113,7 +113,7 @@ def _overrun(state: State) -> int:
     """Return whether a queue of the state had no memory left for an entry."""
     walking = state.look.walking
     overrun = int(walking.count * LEG_COLUMNS > len(walking.legs)) | state.loose.overrun
-    overrun |= state.sky.air.marks_lost
+    overrun |= state.sky.marks_lost
     overrun |= (
         state.unsettled.overrun
         | state.events.overrun

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import product
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from desim_uav.copies import Unchanging, owned
-from desim_uav.engine.air import Room
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
+    LOSS_SLOTS,
     RADIO_SLOTS,
     SLOTS,
     TYPE_SLOTS,
@@ -27,7 +28,7 @@ from desim_uav.engine.compiled.largest_sums import too_large
 from desim_uav.engine.compiled.slots import tournaments
 from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of
-from desim_uav.engine.sky import scene_of, sky_of
+from desim_uav.engine.sky import Room, scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.mobility.walking import walking_of
@@ -53,7 +54,8 @@ def lacking(world: World) -> list[str]:
     chosen += [(slot.key, slot, slot.chosen(world)) for slot in SLOTS]
     keys += tuple(f"access_points[{k}]" for k in range(len(world.scenario.access_points)))
     for key, links in zip(keys, world.links, strict=True):
-        chosen += [(f"{key}.radio.{slot.key}", slot, slot.chosen(links)) for slot in RADIO_SLOTS]
+        slots_of_radio = (*RADIO_SLOTS, *LOSS_SLOTS)
+        chosen += [(f"{key}.radio.{slot.key}", slot, slot.chosen(links)) for slot in slots_of_radio]
     for key, slot, component in chosen:
         if why := why_not_compiled(slot, component, world.services.names):
             lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
@@ -82,7 +84,7 @@ class Fixed(Unchanging):
     types: tuple[dict[str, Any], ...]
     """Those of each type of drones, by the keys of TYPE_SLOTS."""
     radios: tuple[dict[str, Any], ...]
-    """Those of each radio, by the keys of RADIO_SLOTS."""
+    """Those of each radio, by the keys of RADIO_SLOTS and LOSS_SLOTS."""
     services: tuple[str, ...]
     graded: bool
     in_air: bool
@@ -94,10 +96,14 @@ class Fixed(Unchanging):
         constants: Any = View(self.block, Constants)
         set_functions(constants, self.graded, self.in_air)
         loaded = []
-        rows = [constants, *constants.types, *constants.radios]
-        chosen = (self.components, *self.types, *self.radios)
-        for row, components in zip(rows, chosen, strict=True):
-            for slot in (*SLOTS, *TYPE_SLOTS, *RADIO_SLOTS):
+        placed = (
+            (SLOTS, [constants], [self.components]),
+            (TYPE_SLOTS, constants.types, self.types),
+            (RADIO_SLOTS, constants.radios, self.radios),
+            (LOSS_SLOTS, constants.scene.radios, self.radios),
+        )
+        for slots_of, rows, chosen in placed:
+            for (row, components), slot in product(zip(rows, chosen, strict=True), slots_of):
                 if slot.key in components:
                     component = components[slot.key]
                     loaded.append(compiled(slot.functions, component, self.services))
@@ -141,7 +147,7 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
         own.first_known = number * legs_in_table(world)
     components = components_of(SLOTS, world)
     types = tuple(components_of(TYPE_SLOTS, own) for own in world.types)
-    radios = tuple(components_of(RADIO_SLOTS, links) for links in world.links)
+    radios = tuple(components_of((*RADIO_SLOTS, *LOSS_SLOTS), links) for links in world.links)
     names = world.services.names
     return Fixed(packed(constants), components, types, radios, names, world.graded, world.in_air)
 

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.engine.air import Room
-from desim_uav.engine.sky import enlarged, scene_of, sky_of
+from desim_uav.engine.sky import Room, enlarged, scene_of, sky_of
 from desim_uav.model.mobility.walks import Walks
+from desim_uav.model.radio.chances import compiled_chance
 from desim_uav.model.radio.levels import compiled_loss
-from desim_uav.model.radio.marks import compiled_chance
 from desim_uav.rowcode.rows import address
 from desim_uav.rowcode.views import in_memory
 from desim_uav.rules.rows import State
@@ -56,7 +55,7 @@ class Skies:
         constants.foresee_in_air = self._with_changes(links.foresee_in_air, state)
         constants.foresee_all = self._with_all_changes(state)
         constants.mark = self._with_marks(state)
-        for row, own in zip(constants.radios, self.world.links, strict=True):
+        for row, own in zip(constants.scene.radios, self.world.links, strict=True):
             if own.in_air:
                 loss = compiled_loss(own.radio.path_loss, float(own.radio.carrier_ghz))
                 row.level, row.rates, row.loss_values = loss.level, loss.rates, loss.values

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, START
 from desim_uav.rowcode.kernels import kernel, maker, part
+from desim_uav.rowcode.rows import Ints
 
 T0_US, X0, Y0, VX, VY = range(5)
 """The columns of a table of user legs: a straight walk from (X0, Y0), in metres, with the velocity
@@ -66,7 +67,7 @@ class Users(NamedTuple):
     """
 
     legs: NDArray[np.float64]
-    offsets: NDArray[np.int64]
+    offsets: Ints
     seen: NDArray[np.float64]
 
 

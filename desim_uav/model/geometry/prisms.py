@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.geometry.coverage import bucket_of
 from desim_uav.model.geometry.polygons import Polygon, checked, convex_parts, grown
-from desim_uav.model.radio.sight import bucketed
+from desim_uav.model.radio.buildings import bucketed
 from desim_uav.model.radio.tracks import Point
 from desim_uav.rowcode.kernels import kernel, part
 

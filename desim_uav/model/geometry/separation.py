@@ -10,21 +10,23 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from desim_uav.model.geometry.polynomial import Coefficients, sign_changes, square_of
 from desim_uav.model.geometry.relative import rounded_us
 from desim_uav.model.radio.tracks import (
-    BEGIN,
-    PULL_AT,
     Point,
     Rows,
+    TrackRow,
+    Turn,
+    next_s,
     note,
     place,
+    pulled,
     row_at,
     velocity,
 )
 from desim_uav.rowcode.kernels import kernel, part
+from desim_uav.rowcode.rows import Table
 
 CLEAR, NEAR = 0, 1
 """The states of a pair of drones: NEAR where their distance is less than the least one."""
@@ -43,96 +45,80 @@ class Approach(NamedTuple):
 
 @kernel
 def conflicts(
-    tracks: NDArray[np.float64],
+    tracks: Table[TrackRow],
     one: Rows,
     other: Rows,
     least_m: float,
     span_us: tuple[int, int],
     held: int,
-    out: NDArray[np.int64],
+    out: Table[Turn],
 ) -> int:
     """Write when two drones come nearer than ``least_m`` and part again; return the rows' number.
 
-    Both tracks are of the span. Rows (time, state) go into ``out``; ``held`` is the state before
+    Both tracks are of the span. Turns go into ``out``; ``held`` is the state before
     the span, and a row at its start says if it is another one there (-1: always). States at both
     ends of the span depend on the places there only, changes in one microsecond cancel, and a pair
     at just the least distance is clear. If ``out`` is too short, the number is larger than its
     length, and with that many rows it is long enough.
     """
     limit, i, j = least_m * least_m, one[0], other[0]
-    state = NEAR if limit > _square(tracks, i, j, 0.0)[0] else CLEAR
+    state = NEAR if limit > _square(tracks[i], tracks[j], 0.0)[0] else CLEAR
     rows = note(out, 0, held, span_us[0], state)
-    end, at = tracks[one[1] - 1, BEGIN], 0.0
+    end, at = tracks[one[1] - 1].begin_s, 0.0
     while at < end:
         i, j = row_at(tracks, i, one[1], at), row_at(tracks, j, other[1], at)
-        until = _until(tracks, i, j, one, other, end)
-        square = _square(tracks, i, j, at)
+        until = next_s(tracks, j, other[1], next_s(tracks, i, one[1], end))
+        square = _square(tracks[i], tracks[j], at)
         c = (limit - square[0], -square[1], -square[2], -square[3], -square[4])
         count, roots = sign_changes(c, state == NEAR, until - at, GRAZE * (square[0] + limit))
         for k in range(count):
             state = 1 - state
             rows = note(out, rows, held, rounded_us(span_us[0], at + roots[k]), state)
         at = until
-    last = _square(tracks, one[1] - 1, other[1] - 1, end)
+    last = _square(tracks[one[1] - 1], tracks[other[1] - 1], end)
     return note(out, rows, held, span_us[1], NEAR if limit > last[0] else CLEAR)
 
 
 @kernel
 def approach(
-    tracks: NDArray[np.float64], one: Rows, other: Rows, begin_s: float, end_s: float
+    tracks: Table[TrackRow], one: Rows, other: Rows, begin_s: float, end_s: float
 ) -> Approach:
     """Return the least distance of two drones in a part of the span of their tracks."""
     i, j, at = one[0], other[0], begin_s
     least = Approach(np.inf, begin_s)
     while True:
         i, j = row_at(tracks, i, one[1], at), row_at(tracks, j, other[1], at)
-        least = _nearer(tracks, i, j, at, least)
+        least = _nearer(tracks[i], tracks[j], at, least)
         if not at < end_s:
             return least
-        until = _until(tracks, i, j, one, other, end_s)
-        _, c1, c2, c3, c4 = _square(tracks, i, j, at)
+        until = next_s(tracks, j, other[1], next_s(tracks, i, one[1], end_s))
+        _, c1, c2, c3, c4 = _square(tracks[i], tracks[j], at)
         slope = (c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 0.0)
         count, turns = sign_changes(slope, c1 > 0.0, until - at, 0.0)
         for k in range(count):
-            least = _nearer(tracks, i, j, at + turns[k], least)
+            least = _nearer(tracks[i], tracks[j], at + turns[k], least)
         at = until
 
 
 @part
-def _until(
-    tracks: NDArray[np.float64], i: int, j: int, one: Rows, other: Rows, end: float
-) -> float:
-    """Return when the next row of one of two tracks begins, at most ``end``."""
-    until = end
-    if i + 1 < one[1]:
-        until = min(until, tracks[i + 1, BEGIN])
-    if j + 1 < other[1]:
-        until = min(until, tracks[j + 1, BEGIN])
-    return until
-
-
-@part
-def _apart(tracks: NDArray[np.float64], i: int, j: int, t: float) -> Point:
+def _apart(one: TrackRow, other: TrackRow, t: float) -> Point:
     """Return the place of one drone relative to another."""
-    (x, y, z), (u, v, w) = place(tracks, i, t), place(tracks, j, t)
+    (x, y, z), (u, v, w) = place(one, t), place(other, t)
     return x - u, y - v, z - w
 
 
 @part
-def _square(tracks: NDArray[np.float64], i: int, j: int, t: float) -> Coefficients:
+def _square(one: TrackRow, other: TrackRow, t: float) -> Coefficients:
     """Return the squared distance as a polynomial of the time from ``t`` on."""
-    (vx, vy, vz), (wx, wy, wz) = velocity(tracks, i, t), velocity(tracks, j, t)
-    pull = (
-        tracks[i, PULL_AT] - tracks[j, PULL_AT],
-        tracks[i, PULL_AT + 1] - tracks[j, PULL_AT + 1],
-        tracks[i, PULL_AT + 2] - tracks[j, PULL_AT + 2],
-    )
-    return square_of(_apart(tracks, i, j, t), (vx - wx, vy - wy, vz - wz), pull)
+    (vx, vy, vz), (wx, wy, wz) = velocity(one, t), velocity(other, t)
+    (ax, ay, az), (bx, by, bz) = pulled(one), pulled(other)
+    pull = ax - bx, ay - by, az - bz
+    return square_of(_apart(one, other, t), (vx - wx, vy - wy, vz - wz), pull)
 
 
 @part
-def _nearer(tracks: NDArray[np.float64], i: int, j: int, t: float, least: Approach) -> Approach:
+def _nearer(one: TrackRow, other: TrackRow, t: float, least: Approach) -> Approach:
     """Return the nearer one of an approach and the places at a time."""
-    x, y, z = _apart(tracks, i, j, t)
+    x, y, z = _apart(one, other, t)
     distance = np.sqrt(x * x + y * y + z * z)
     return Approach(distance, t) if distance < least.distance_m else least

@@ -36,15 +36,9 @@ from desim_uav.model.geometry.relative import beyond, rounded_us
 from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, SPEED, START
 from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
 from desim_uav.model.radio.nested import bounds_of, sift, sifted
+from desim_uav.model.radio.passages import Passage, begin_passages, passed
 from desim_uav.rowcode.kernels import kernel, part
-
-BEGINS, SLAB, PLACE, RISE, BEND = range(5)
-WINDOW_COLUMNS = 5
-"""The columns of a table of windows, and their number.
-
-A window is a time in which the drone stays in one slab and keeps its acceleration: when it begins,
-in seconds since the start of the leg; the slab; and the drone's place in it, as a polynomial of the
-time since then (see ``fits.Fits``). In the last one the drone rests at the end of its flight."""
+from desim_uav.rowcode.rows import Ints, Row, Table, row
 
 SHORTEST_S = 1e-7
 """The shortest time that is looked at: what comes and goes in it lasts no microsecond."""
@@ -55,14 +49,29 @@ ROOT_S = 1e-10
 Array = NDArray[np.float64]
 
 
+@row
+class Window(Row):
+    """A time in which the drone stays in one slab and keeps its acceleration.
+
+    It begins ``begin_s`` seconds after the start of the leg. The drone's place in the slab is a
+    polynomial of the time since then (see ``fits.Fits``) with the coefficients ``place``, ``rise``
+    and ``bend``. In the last window the drone rests at the end of its flight.
+    """
+
+    begin_s: float
+    slab: int
+    place: float
+    rise: float
+    bend: float
+
+
 class Climb(NamedTuple):
     """What is known of a leg between two neighbouring levels.
 
     ``upwards`` is 1.0 if the drone climbs, and 0.0 if it descends. ``rings_m`` (2, groups, classes)
     are the radii on the level at the start and on that at the end (see ``nested.class_changes``),
     ``least_m`` and ``most_m`` (groups, classes) are bounds of the radii in between, and ``terms``
-    and ``ranges`` the fits. ``windows`` (rows, WINDOW_COLUMNS) is memory
-    for ``window_rows`` rows.
+    and ``ranges`` the fits. ``windows`` is memory for ``window_rows`` rows.
     """
 
     upwards: float
@@ -71,7 +80,7 @@ class Climb(NamedTuple):
     most_m: Array
     terms: Array
     ranges: Array
-    windows: Array
+    windows: Table[Window]
 
 
 class Stretch(NamedTuple):
@@ -97,7 +106,7 @@ def window_rows(slabs: int, longest: int) -> int:
 
 @kernel
 def class_changes_between(
-    leg: DroneLeg, climb: Climb, users: Users, groups: NDArray[np.int64], out: NDArray[np.int64]
+    leg: DroneLeg, climb: Climb, users: Users, groups: Ints, out: NDArray[np.int64]
 ) -> int:
     """Write all changes of class while a drone climbs or descends, and return their number.
 
@@ -139,20 +148,18 @@ def _begin_windows(leg: DroneLeg, climb: Climb) -> int:
             slab, sign = passed, 2.0
             if climb.upwards == 0.0:
                 slab, sign = slabs - 1 - passed, -2.0
-            windows[count, BEGINS], windows[count, SLAB] = begins + at, slab
-            windows[count, PLACE] = sign * (here - passed - 0.5)
-            windows[count, RISE], windows[count, BEND] = sign * rate, sign * bend
+            window = windows[count]
+            window.begin_s, window.slab = begins + at, slab
+            window.place = sign * (here - passed - 0.5)
+            window.rise, window.bend = sign * rate, sign * bend
             count += 1
             passed += 1
             at = ahead
             if ahead == lasts:
                 break
-    windows[count, BEGINS] = profile[last, START]
-    windows[count, SLAB], windows[count, PLACE] = (
-        climb.upwards * (slabs - 1),
-        2.0 * climb.upwards - 1,
-    )
-    windows[count, RISE] = windows[count, BEND] = 0.0
+    rest = windows[count]
+    rest.begin_s, rest.slab = profile[last, START], int(climb.upwards) * (slabs - 1)
+    rest.place, rest.rise, rest.bend = 2.0 * climb.upwards - 1, 0.0, 0.0
     return count + 1
 
 
@@ -184,106 +191,103 @@ def _follow(
     start_us, end_us = leg.span_us
     duration = (end_us - start_us) * 1e-6
     centre_x, centre_y = leg.route[0], leg.route[1]
-    before, after = climb.rings_m[0][group], climb.rings_m[1][group]
-    x, y = centre_x - users.seen[AT_X, user], centre_y - users.seen[AT_Y, user]
-    now = first
-    while now < stop and beyond(x, y, before[now]) <= 0.0:
-        now += 1
-    held, latest, noted = now, start_us - 1, 0
-    if leg.fresh:
-        held, latest, noted = 0, start_us, int(now > 0)
-        total = _write(out, total, start_us, user, now) if noted else total
+    away = centre_x - users.seen[AT_X, user], centre_y - users.seen[AT_Y, user]
+    begin, radii = (start_us, leg.fresh), climb.rings_m[0][group]
+    one = begin_passages(user, away, radii, (first, stop), begin, out, total)
     end_walk = users.offsets[user + 1]
     walk = begin_walk = users.offsets[user] + int(users.seen[LEG, user])
     window, at = 0, 0.0
     while at < duration:
-        while window + 1 < count and windows[window + 1, BEGINS] <= at:
+        while window + 1 < count and windows[window + 1].begin_s <= at:
             window += 1
         while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
             walk += 1
         end = duration
         if window + 1 < count:
-            end = min(end, windows[window + 1, BEGINS])
+            end = min(end, windows[window + 1].begin_s)
         if walk + 1 < end_walk:
             end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        vx, vy = legs[walk, VX], legs[walk, VY]
-        since_walk = at - (legs[walk, T0_US] - start_us) * 1e-6
-        x = centre_x - legs[walk, X0] - vx * since_walk
-        y = centre_y - legs[walk, Y0] - vy * since_walk
-        since, rise, bend = (
-            at - windows[window, BEGINS],
-            windows[window, RISE],
-            windows[window, BEND],
-        )
-        stretch = Stretch(
-            x * x + y * y,
-            -(x * vx + y * vy),
-            vx * vx + vy * vy,
-            int(windows[window, SLAB]),
-            windows[window, PLACE] + since * (rise + since * bend),
-            rise + 2.0 * since * bend,
-            bend,
-        )
-        begin, width = 0.0, end - at
-        while begin < end - at:
-            until = min(begin + width, end - at)
-            low, high = _candidates(climb, stretch, group, (first, now, stop), begin, until)
-            if low == high:
-                begin = until
-                continue
-            if until - begin > SHORTEST_S and not _settles(
-                climb, stretch, group, (low, high), begin, until
-            ):
-                width = 0.5 * (until - begin)
-                continue
-            entered = left = False
-            while True:
-                # A circle that has just been passed is not passed back.
-                enters = (
-                    not left and now < high and _excess(climb, stretch, group, now, until)[0] <= 0.0
-                )
-                if not enters and (
-                    entered
-                    or now == low
-                    or _excess(climb, stretch, group, now - 1, until)[0] <= 0.0
-                ):
-                    break
-                entered, left = enters, not enters
-                ring = now if enters else now - 1
-                root = _root(climb, stretch, (group, ring), begin, until, enters)
-                t_us = rounded_us(start_us, at + root)
-                if t_us > latest:
-                    held, latest, noted = now, t_us, 0
-                now = ring + 1 if enters else ring
-                total -= noted
-                noted = int(now != held)
-                if noted:
-                    total = _write(out, total, latest, user, now if now > held else -now)
-            width, begin = 2.0 * (until - begin), until
+        stretch = _stretch_of(leg, windows[window], legs, walk, at)
+        one = _pass(leg, climb, stretch, of, (first, stop), (at, end), one, out)
         at = end
     # The class at the end is that with which a leg on the level there begins.
     last = leg_near(legs, begin_walk, end_walk, end_us, walk)
     x, y = walked(legs, last, end_us)
     x, y = centre_x - x, centre_y - y
-    reached = now
+    reached, after = one.now, climb.rings_m[1][group]
     while reached < stop and beyond(x, y, after[reached]) <= 0.0:
         reached += 1
     while reached > first and beyond(x, y, after[reached - 1]) > 0.0:
         reached -= 1
-    if reached != now:
-        if latest < end_us:
-            held, noted = now, 0
-        total -= noted
-        if reached != held:
-            total = _write(out, total, end_us, user, reached if reached > held else -reached)
-    return total
+    if reached != one.now:
+        one = passed(one, reached, end_us, user, out)
+    return one.total
 
 
 @part
-def _write(out: NDArray[np.int64], total: int, t_us: int, user: int, change: int) -> int:
-    if total < len(out):
-        out[total, 0], out[total, 1], out[total, 2] = t_us, user, change
-    return total + 1
+def _stretch_of(
+    leg: DroneLeg, window: Window, legs: NDArray[np.float64], walk: int, at: float
+) -> Stretch:
+    """Return the user's distance and the drone's place in a window, from a time on."""
+    vx, vy = legs[walk, VX], legs[walk, VY]
+    since_walk = at - (legs[walk, T0_US] - leg.span_us[0]) * 1e-6
+    x = leg.route[0] - legs[walk, X0] - vx * since_walk
+    y = leg.route[1] - legs[walk, Y0] - vy * since_walk
+    since, rise, bend = at - window.begin_s, window.rise, window.bend
+    return Stretch(
+        x * x + y * y,
+        -(x * vx + y * vy),
+        vx * vx + vy * vy,
+        window.slab,
+        window.place + since * (rise + since * bend),
+        rise + 2.0 * since * bend,
+        bend,
+    )
+
+
+@part
+def _pass(
+    leg: DroneLeg,
+    climb: Climb,
+    stretch: Stretch,
+    of: tuple[int, int],
+    circles: tuple[int, int],
+    times: tuple[float, float],
+    one: Passage,
+    out: NDArray[np.int64],
+) -> Passage:
+    """Write the changes of a user in a stretch, by shorter and shorter times where need be."""
+    (user, group), (first, stop), (at, end) = of, circles, times
+    begin, width = 0.0, end - at
+    while begin < end - at:
+        until = min(begin + width, end - at)
+        low, high = _candidates(climb, stretch, group, (first, one.now, stop), begin, until)
+        if low == high:
+            begin = until
+            continue
+        if until - begin > SHORTEST_S and not _settles(
+            climb, stretch, group, (low, high), begin, until
+        ):
+            width = 0.5 * (until - begin)
+            continue
+        entered = left = False
+        while True:
+            # A circle that has just been passed is not passed back.
+            now = one.now
+            enters = (
+                not left and now < high and _excess(climb, stretch, group, now, until)[0] <= 0.0
+            )
+            if not enters and (
+                entered or now == low or _excess(climb, stretch, group, now - 1, until)[0] <= 0.0
+            ):
+                break
+            entered, left = enters, not enters
+            ring = now if enters else now - 1
+            root = _root(climb, stretch, (group, ring), begin, until, enters)
+            t_us = rounded_us(leg.span_us[0], at + root)
+            one = passed(one, ring + 1 if enters else ring, t_us, user, out)
+        width, begin = 2.0 * (until - begin), until
+    return one
 
 
 @part

@@ -6,89 +6,43 @@ docs/explanation/sinr.md proves it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from desim_uav.model.radio.levels import H_LEAST, H_MOST, R_LEAST, R_MOST
-from desim_uav.model.radio.links import (
-    AX,
-    AY,
-    AZ,
-    BOUND,
-    BRANCH,
-    CARRIER,
-    HIGH_MW,
-    LEAST,
-    LEVEL_DBM,
-    LINK_COLUMNS,
-    LOOKED,
-    LOOKED_COLUMNS,
-    LOW_MW,
-    MOST,
-    NOISE_MW,
-    POWER_MW,
-    PX,
-    PY,
-    PZ,
-    RATES_AT,
-    STEEP,
-    STEEP_H,
-    STEEP_R,
-    TIME_S,
-    VALUES,
-    VX,
-    VY,
-    VZ,
-    Links,
-    are_a_pair,
-)
+from desim_uav.model.radio.links import Air, Link, are_a_pair
 from desim_uav.model.radio.slopes import DB, least_share
 from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import kernel, rule
+from desim_uav.rowcode.rows import address
 
 
 @rule
-def bound_rates(links: Links, k: int, distance_m: float, height_m: float, within_m: float) -> None:
-    """Write the row of rates of a link, for all places near one (see ``levels.BOUNDS``)."""
-    words, carrier_ghz = links.words, links.table[k, CARRIER]
-    row = links.table.ctypes.data + 8 * (k * LINK_COLUMNS + BOUND)
-    values = (words[k, VALUES], carrier_ghz, words[k, BRANCH], distance_m, height_m, within_m, row)
-    call(words[k, RATES_AT], values)
+def bound_rates(link: Link, distance_m: float, height_m: float, within_m: float) -> None:
+    """Write the rates of a link, for all places near one (see ``levels.BOUNDS``)."""
+    place = link.values, link.carrier_ghz, link.branch, distance_m, height_m
+    call(link.rates_of, (*place, within_m, address(link.rates)))
 
 
 @kernel
-def bound_level(links: Links, k: int, since: float, until: float) -> None:
+def bound_level(link: Link, since: float, until: float) -> None:
     """Write the least and the most that a level changes between two times, in dB/s.
 
     The horizontal distance r changes by r' = p v / r, and r'' is at least p a / r.
     """
-    table = links.table
-    table[k, LEAST] = table[k, MOST] = 0.0
-    ax, ay, az = table[k, AX], table[k, AY], table[k, AZ]
-    ux, uy, uz = (
-        table[k, VX] + since * ax,
-        table[k, VY] + since * ay,
-        table[k, VZ] + since * az,
-    )
-    wx, wy, wz = (
-        table[k, VX] + until * ax,
-        table[k, VY] + until * ay,
-        table[k, VZ] + until * az,
-    )
+    link.least = link.most = 0.0
+    ax, ay, az = link.ax_mps2, link.ay_mps2, link.az_mps2
+    ux, uy, uz = link.vx_mps + since * ax, link.vy_mps + since * ay, link.vz_mps + since * az
+    wx, wy, wz = link.vx_mps + until * ax, link.vy_mps + until * ay, link.vz_mps + until * az
     level_speed = np.sqrt(max(ux * ux + uy * uy, wx * wx + wy * wy))
     speed = np.sqrt(max(ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz))
     if speed == 0.0:
         return
     lasts, half = until - since, 0.5 * (until - since)
     middle = since + half
-    x = table[k, PX] + middle * (table[k, VX] + 0.5 * middle * ax)
-    y = table[k, PY] + middle * (table[k, VY] + 0.5 * middle * ay)
-    z = table[k, PZ] + middle * (table[k, VZ] + 0.5 * middle * az)
-    bound_rates(links, k, np.sqrt(x * x + y * y), z, speed * half)
+    x, y = _level_at(link, middle)
+    z = link.z_m + middle * (link.vz_mps + 0.5 * middle * az)
+    bound_rates(link, np.sqrt(x * x + y * y), z, speed * half)
+    rates = link.rates
     if level_speed > 0.0:
-        px = table[k, PX] + since * (table[k, VX] + 0.5 * since * ax)
-        py = table[k, PY] + since * (table[k, VY] + 0.5 * since * ay)
-        qx = table[k, PX] + until * (table[k, VX] + 0.5 * until * ax)
-        qy = table[k, PY] + until * (table[k, VY] + 0.5 * until * ay)
+        (px, py), (qx, qy) = _level_at(link, since), _level_at(link, until)
         near, far = np.sqrt(px * px + py * py), np.sqrt(qx * qx + qy * qy)
         least, most = -level_speed, level_speed
         pull = _pull(px, py, ux, uy, ax, ay, lasts, np.sqrt(x * x + y * y) - level_speed * half)
@@ -96,8 +50,15 @@ def bound_level(links: Links, k: int, since: float, until: float) -> None:
             least = max(least, (px * ux + py * uy) / near + pull * lasts)
         if far > 0.0:
             most = min(most, (qx * wx + qy * wy) / far - pull * lasts)
-        _add(table, k, table[k, BOUND + R_LEAST], table[k, BOUND + R_MOST], least, most)
-    _add(table, k, table[k, BOUND + H_LEAST], table[k, BOUND + H_MOST], min(uz, wz), max(uz, wz))
+        _add(link, rates.least_away, rates.most_away, least, most)
+    _add(link, rates.least_up, rates.most_up, min(uz, wz), max(uz, wz))
+
+
+@rule
+def _level_at(link: Link, t: float) -> tuple[float, float]:
+    """Return the horizontal place relative to the user, t seconds into the stretch."""
+    x = link.x_m + t * (link.vx_mps + 0.5 * t * link.ax_mps2)
+    return x, link.y_m + t * (link.vy_mps + 0.5 * t * link.ay_mps2)
 
 
 @rule
@@ -126,9 +87,7 @@ def _pull(
 
 
 @rule
-def _add(
-    table: NDArray[np.float64], k: int, low: float, high: float, least: float, most: float
-) -> None:
+def _add(link: Link, low: float, high: float, least: float, most: float) -> None:
     """Add the product of two ranges to the range in which a level changes."""
     if least != 0.0:
         one, other = low * least, high * least
@@ -140,53 +99,49 @@ def _add(
         down, up = min(down, one, other), max(up, one, other)
     elif least != 0.0:
         down, up = min(down, 0.0), max(up, 0.0)
-    table[k, LEAST] += down
-    table[k, MOST] += up
+    link.least += down
+    link.most += up
 
 
 @kernel
-def bound_stretch(links: Links, lasts: float) -> None:
+def bound_stretch(air: Air, lasts: float) -> None:
     """Write the most that each level changes in a stretch in dB/s, by the bounds of the span."""
-    table = links.table
-    for k in range(links.used):
-        ux, uy, uz = table[k, VX], table[k, VY], table[k, VZ]
-        wx, wy, wz = (
-            ux + lasts * table[k, AX],
-            uy + lasts * table[k, AY],
-            uz + lasts * table[k, AZ],
-        )
+    for k in range(air.used):
+        link = air.links[k]
+        ux, uy, uz = link.vx_mps, link.vy_mps, link.vz_mps
+        wx, wy = ux + lasts * link.ax_mps2, uy + lasts * link.ay_mps2
+        wz = uz + lasts * link.az_mps2
         steep, climb = 0.0, max(abs(uz), abs(wz))
         square = max(ux * ux + uy * uy, wx * wx + wy * wy)
         if square > 0.0:
-            steep += table[k, STEEP_R] * np.sqrt(square)
+            steep += link.steep_away * np.sqrt(square)
         if climb > 0.0:
-            steep += table[k, STEEP_H] * climb
-        table[k, STEEP] = steep
+            steep += link.steep_up * climb
+        link.steep = steep
 
 
 @kernel
-def bound_levels(links: Links, left: int) -> None:
+def bound_levels(air: Air, left: int) -> None:
     """Write bounds of all levels for the time from a look to the one in the row before it.
 
     They are the least and the most that a level changes in dB/s and, if there is interference, the
     least and the most power.
     """
-    table, looks = links.table, links.looks
-    since, until = looks[left, TIME_S], looks[left - 1, TIME_S]
-    powers = links.used > 1 and not are_a_pair(links)
-    for k in range(links.used):
-        bound_level(links, k, since, until)
+    since, until = air.looked_s[left], air.looked_s[left - 1]
+    powers = air.used > 1 and not are_a_pair(air)
+    for k in range(air.used):
+        link = air.links[k]
+        bound_level(link, since, until)
         if powers:
-            at = LOOKED + LOOKED_COLUMNS * k
-            one, other = looks[left, at + POWER_MW], looks[left - 1, at + POWER_MW]
-            table[k, LOW_MW], table[k, HIGH_MW] = min(one, other), max(one, other)
-            least, most = table[k, LEAST], table[k, MOST]
-            if least < 0.0 < most:
-                rise = looks[left - 1, at + LEVEL_DBM] - looks[left, at + LEVEL_DBM]
-                turns = max(turns_back(until - since, rise, least, most), 0.0)
+            one, other = link.looks[left], link.looks[left - 1]
+            link.low_mw = min(one.power_mw, other.power_mw)
+            link.high_mw = max(one.power_mw, other.power_mw)
+            if link.least < 0.0 < link.most:
+                rise = other.level_dbm - one.level_dbm
+                turns = max(turns_back(until - since, rise, link.least, link.most), 0.0)
                 share = least_share(turns / DB)
-                table[k, LOW_MW] *= share
-                table[k, HIGH_MW] /= share
+                link.low_mw *= share
+                link.high_mw /= share
 
 
 @rule
@@ -205,7 +160,7 @@ def turns_back(width: float, rise: float, least: float, most: float) -> float:
 
 
 @kernel
-def bound_ratio(links: Links, k: int) -> tuple[float, float]:
+def bound_ratio(air: Air, k: int) -> tuple[float, float]:
     """Return the least and the most that a signal's ratio changes in a time, in dB/s.
 
     The bounds of all levels are known for it (``bound_levels``). The interference in dB changes by
@@ -213,27 +168,28 @@ def bound_ratio(links: Links, k: int) -> tuple[float, float]:
     noise. A share is between what it is if its own power is least and all others are most, and what
     it is if its own power is most and all others are least.
     """
-    table, used = links.table, links.used
+    link, used = air.links[k], air.used
     if used == 1:
-        return float(table[0, LEAST]), float(table[0, MOST])
-    if are_a_pair(links):
-        one, other = table[k], table[1 - k]
-        return float(one[LEAST] - other[MOST]), float(one[MOST] - other[LEAST])
+        return link.least, link.most
+    if are_a_pair(air):
+        second = air.links[1 - k]
+        return link.least - second.most, link.most - second.least
     least = most = 0.0
-    low = high = table[k, NOISE_MW]
+    low = high = link.noise_mw
     for i in range(used):
         if i != k:
-            least, most = min(least, table[i, LEAST]), max(most, table[i, MOST])
-            low += table[i, LOW_MW]
-            high += table[i, HIGH_MW]
+            other = air.links[i]
+            least, most = min(least, other.least), max(most, other.most)
+            low += other.low_mw
+            high += other.high_mw
     if high < np.inf and -least < np.inf and most < np.inf:
         falls = rises = 0.0
         for i in range(used):
             if i != k:
-                own_low, own_high = table[i, LOW_MW], table[i, HIGH_MW]
-                share_low = own_low / (own_low + (high - own_high))
-                share_high = own_high / (own_high + (low - own_low))
-                falls += table[i, LEAST] * (share_low if table[i, LEAST] > 0.0 else share_high)
-                rises += table[i, MOST] * (share_high if table[i, MOST] > 0.0 else share_low)
+                other = air.links[i]
+                share_low = other.low_mw / (other.low_mw + (high - other.high_mw))
+                share_high = other.high_mw / (other.high_mw + (low - other.low_mw))
+                falls += other.least * (share_low if other.least > 0.0 else share_high)
+                rises += other.most * (share_high if other.most > 0.0 else share_low)
         least, most = max(least, falls), min(most, rises)
-    return float(table[k, LEAST] - most), float(table[k, MOST] - least)
+    return link.least - most, link.most - least

@@ -16,7 +16,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.radio.functions import elevation_deg
 from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS, Rates, RowPathLoss, mean_of
 from desim_uav.model.radio.sampled import sampled_rates
-from desim_uav.rowcode.compiled_rows import entries_at
+from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.components import (
     NOT_COMPILED,
     Compiled,
@@ -29,19 +29,28 @@ from desim_uav.rowcode.components import (
     ruled,
 )
 from desim_uav.rowcode.kernels import rule
+from desim_uav.rowcode.rows import Row, row
 
-R_LEAST, R_MOST, H_LEAST, H_MOST = range(4)
-"""The columns of a row of rates: the least and the most that a level changes, in dB for a metre of
-horizontal distance and in dB for a metre of height."""
 
-RATES = 4
+@row
+class RateRow(Row):
+    """The least and the most that a level changes.
+
+    In dB for a metre of horizontal distance (``away``), and in dB for a metre of height (``up``).
+    """
+
+    least_away: float
+    most_away: float
+    least_up: float
+    most_up: float
+
 
 WHERE = "where there is interference, where drones climb and for association by level"
 
 Place = tuple[float, float]
 """The horizontal distance of a drone from a user, and its height above it, in metres."""
 
-floats_at = entries_at(float)
+rates_at = pointer_to(RateRow)
 
 
 def _mean_db(cls: Any) -> Any:
@@ -143,9 +152,9 @@ def _rates(cls: Any, values_at: Any) -> Any:
         within_m: float,
         out: int,
     ) -> None:
-        row, own = floats_at(out, RATES), values_at(values)
+        row, own = rates_at(out), values_at(values)
         found = rates_of(own, carrier_ghz, branch, distance_m, height_m, within_m)
-        row[R_LEAST], row[R_MOST], row[H_LEAST], row[H_MOST] = found
+        row.least_away, row.most_away, row.least_up, row.most_up = found
 
     return rates
 

@@ -1,4 +1,4 @@
-"""The links of a user: tables of their motions, and of what is seen of them when one looks.
+"""The links of a user: their motions, and what is seen of them when one looks.
 
 A stretch is a time in which the user and all drones that it receives keep their accelerations, and
 no line of sight changes. A look is what all links are at a time of it. All signals that are sought
@@ -7,55 +7,21 @@ for a user share the looks, because each of them is interference to the others.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from desim_uav.model.radio.levels import RATES
+from desim_uav.model.radio.levels import RateRow
+from desim_uav.model.radio.marks import Mark
 from desim_uav.model.radio.slopes import DB
+from desim_uav.model.radio.tracks import TrackRow
 from desim_uav.rowcode.compiled_rows import call_for_float, entries_at
 from desim_uav.rowcode.kernels import kernel, part, rule
-
-PX, PY, PZ, VX, VY, VZ, AX, AY, AZ, CARRIER, BASE_DBM, NOISE_DBM, NOISE_MW = range(13)
-LEAST, MOST, LOW_DBM, HIGH_DBM, LOW_MW, HIGH_MW, SETTLED_S, STEEP, BOUND = range(13, 22)
-STEEP_R, STEEP_H = range(BOUND + RATES, BOUND + RATES + 2)
-LINK_COLUMNS = STEEP_H + 1
-"""The columns of a table of links, and their number.
-
-First, the place, velocity and acceleration of the drone relative to the user at the start of the
-stretch, the carrier in GHz, the level before the path loss in dBm, and the noise in dBm and in mW.
-Then, the least and the most that the level changes in dB/s; the lowest and the highest level in the
-span in dBm; the lowest and the highest power in the span, or in the time that is looked at, in mW;
-until when the class of a signal is settled, in seconds since the start of the stretch; the most
-that the level changes in the stretch, in dB/s; a row of rates (see ``levels``); and the most that
-the level changes in the span for a metre of horizontal distance and for a metre of height."""
-
-LEVEL, RATES_AT, VALUES, BRANCH, FIRST, AFTER, ROW, MARK, LAST_MARK, MARKED, SENDER = range(11)
-LOWEST, TOP, SOUGHT, STATE, OUT, ROOM, WIDTH, ROWS, BEGAN, HELD = range(11, 21)
-LINK_WORDS = 21
-"""The columns of a table of whole numbers of links, and their number.
-
-First, what is called: the addresses of the path loss (``levels.Loss``) and the branch. Then, the
-first row of the drone's track, the row after the last one and the present one; the present mark and
-the last one, and since when their times count, in microseconds since the start of the span; and the
-number of the drone.
-
-For a signal, then the first of its thresholds and the one after the last; whether changes of its
-class are sought for the present user, and the class; and where they are written (``note``): the
-address of a table, 0 if the link only interferes, the numbers of its rows and of its columns, the
-rows that are written, how many of them are of the users before, and the class before the span."""
+from desim_uav.rowcode.rows import Row, Table, row
 
 SIGNAL: Any = np.int64(0)
 OTHER: Any = np.int64(1)
 """The numbers of the first two links; for literal ones, Numba would compile functions anew."""
-
-TIME_S, LOOKED = range(2)
-LEVEL_DBM, POWER_MW, RATIO_DB = range(3)
-LOOKED_COLUMNS = 3
-"""The columns of a look: the seconds since the start of the stretch and, from LOOKED on, for each
-link its level, its power, and its ratio to noise and interference. Ratios are known of signals
-whose class was not settled before the look."""
 
 LOOKS = 64
 """The most looks that are kept at a time: each is a half of the time to the next one."""
@@ -67,181 +33,267 @@ EQUAL_DB = 1e-10
 """Levels that differ by no more than this from a threshold for their difference are taken to differ
 by the threshold exactly: rounding alone makes levels of one place differ by about 1e-12 dB."""
 
-ints_at = entries_at(int)
 
+@row
+class Change(Row):
+    """The change of a link between a sender and a user to another class.
 
-class Links(NamedTuple):
-    """The links of a user, all in one band, in a span that begins at ``start_us``.
-
-    ``table`` (links, LINK_COLUMNS) and ``words`` (links, LINK_WORDS) may have spare rows behind
-    ``used``, and ``looks`` (LOOKS, look_columns(links)) spare columns. The noise of two links may
-    be -inf dBm, for the ratio of their levels.
+    ``change`` is the new class if the link rises to it, and minus the new class if it falls to it.
+    Class 0 is no link. With the paper's disc, which has one class, 1 is the entry of a user into
+    the footprint and 0 its exit.
     """
 
-    table: NDArray[np.float64]
-    words: NDArray[np.int64]
-    looks: NDArray[np.float64]
+    t_us: int
+    user: int
+    change: int
+
+
+@row
+class Look(Row):
+    """A link when one looks: its level, its power, and its ratio to noise and interference.
+
+    Ratios are known of signals whose class was not settled before the look.
+    """
+
+    level_dbm: float
+    power_mw: float
+    ratio_db: float
+
+
+@row
+class Link(Row):
+    """The link of a user with a ``sender``, which has a ``radio`` of a number.
+
+    First, what is called: the addresses of the path loss (``levels.Loss``), its carrier, and the
+    branch. Then, the first row of the sender's track, the one after the last and the present one;
+    the present mark and the last one, and since when their times count, in microseconds since the
+    start of the span. ``base_dbm`` is the level before the path loss. The place, the velocity and
+    the acceleration of the sender are those relative to the user at the start of the stretch.
+
+    Then, bounds: the least and the most that the level changes in dB/s; the lowest and the highest
+    level in the span; the lowest and the highest power in the span, or in the time that is looked
+    at; the most that the level changes in the stretch, in dB/s; the ``rates`` near a place; and the
+    most that the level changes in the span for a metre of horizontal distance and for one of
+    height.
+
+    For a signal, its thresholds are those from number ``lowest`` on, before number ``top``.
+    ``sought`` says whether changes of its class are sought for the present user, whose class is
+    ``state`` and was ``held`` before the span; the class is settled until ``settled_s`` seconds
+    after the start of the stretch. Changes are written (``note``) to so much ``room`` at an address
+    ``out``, which is 0 if the link only interferes; so many ``rows`` are written, of which those of
+    the users before are ``began``.
+    """
+
+    sender: int
+    radio: int
+    level: int
+    rates_of: int
+    values: int
+    carrier_ghz: float
+    branch: int
+    first: int
+    after: int
+    track: int
+    mark: int
+    last_mark: int
+    marked_us: int
+    power_dbm: float
+    base_dbm: float
+    noise_dbm: float
+    noise_mw: float
+    x_m: float
+    y_m: float
+    z_m: float
+    vx_mps: float
+    vy_mps: float
+    vz_mps: float
+    ax_mps2: float
+    ay_mps2: float
+    az_mps2: float
+    least: float
+    most: float
+    low_dbm: float
+    high_dbm: float
+    low_mw: float
+    high_mw: float
+    steep: float
+    rates: RateRow
+    steep_away: float
+    steep_up: float
+    lowest: int
+    top: int
+    sought: int
+    state: int
+    held: int
+    settled_s: float
+    out: int
+    room: int
+    rows: int
+    began: int
+    looks: Table[Look]
+
+
+@row
+class Air(Row):
+    """The links of a user, all in one band, in a span that begins at ``start_us``.
+
+    So many of ``links`` are ``used``; their noise may be -inf dBm, for the ratio of the levels of
+    two. ``looked_s`` are the times of the looks, in seconds since the start of the stretch, and
+    ``thresholds_db`` the rising thresholds of all radios, and that of two levels at last.
+    ``tracks`` are those of the senders. The marks of sender i and user u are those from
+    ``marks_at[k]`` to ``marks_at[k + 1]``, where k is ``i * (users + 1) + u``. A link without marks
+    has the mean loss, and so do all if ``marks_at`` is empty.
+    """
+
     used: int
-    thresholds_db: NDArray[np.float64]
     start_us: int
+    links: Table[Link]
+    looked_s: Table[float]
+    thresholds_db: Table[float]
+    tracks: Table[TrackRow]
+    marks: Table[Mark]
+    marks_at: Table[int]
 
 
-def look_columns(links: int) -> int:
-    """Return the number of columns of a table of looks."""
-    return LOOKED + LOOKED_COLUMNS * links
+changes_at = entries_at(Change)
 
 
 @kernel
-def level_dbm(links: Links, k: int, t: float) -> float:
+def level_dbm(link: Link, t: float) -> float:
     """Return the level of a link, ``t`` seconds after the start of the stretch."""
-    table, words = links.table, links.words
     half = 0.5 * t
-    x = table[k, PX] + t * (table[k, VX] + half * table[k, AX])
-    y = table[k, PY] + t * (table[k, VY] + half * table[k, AY])
-    z = table[k, PZ] + t * (table[k, VZ] + half * table[k, AZ])
+    x = link.x_m + t * (link.vx_mps + half * link.ax_mps2)
+    y = link.y_m + t * (link.vy_mps + half * link.ay_mps2)
+    z = link.z_m + t * (link.vz_mps + half * link.az_mps2)
     loss = call_for_float(
-        words[k, LEVEL],
-        (words[k, VALUES], table[k, CARRIER], words[k, BRANCH], np.sqrt(x * x + y * y), z),
+        link.level, (link.values, link.carrier_ghz, link.branch, np.sqrt(x * x + y * y), z)
     )
-    return float(table[k, BASE_DBM] - loss)
+    return link.base_dbm - loss
 
 
 @rule
-def are_a_pair(links: Links) -> bool:
+def are_a_pair(air: Air) -> bool:
     """Return whether the ratio is that of two levels."""
-    return bool(links.used == 2 and links.table[0, NOISE_DBM] == -np.inf)
+    return air.used == 2 and air.links[0].noise_dbm == -np.inf
 
 
 @kernel
-def look(links: Links, row: int, t: float) -> None:
+def look(air: Air, row: int, t: float) -> None:
     """Write a look: the levels and the powers of all links after ``t`` seconds."""
-    looks = links.looks
-    looks[row, TIME_S] = t
-    powers = links.used > 1 and not are_a_pair(links)
-    for k in range(links.used):
-        at, level = LOOKED + LOOKED_COLUMNS * k, level_dbm(links, k, t)
-        looks[row, at + LEVEL_DBM] = level
+    air.looked_s[row] = t
+    powers = air.used > 1 and not are_a_pair(air)
+    for k in range(air.used):
+        level, seen = level_dbm(air.links[k], t), air.links[k].looks[row]
+        seen.level_dbm = level
         if powers:
-            looks[row, at + POWER_MW] = np.exp(level / DB)
+            seen.power_mw = np.exp(level / DB)
 
 
 @kernel
-def compare(links: Links, row: int, k: int) -> float:
+def compare(air: Air, row: int, k: int) -> float:
     """Write the ratio of a signal to noise and interference at a look, and return it, in dB.
 
     The difference of two levels is the threshold for it if rounding may be what makes it another.
     """
-    looks, at = links.looks, LOOKED + LOOKED_COLUMNS * k
-    level = looks[row, at + LEVEL_DBM]
-    if links.used == 1:
-        ratio = level - links.table[k, NOISE_DBM]
-    elif are_a_pair(links):
-        ratio = level - looks[row, LOOKED + LOOKED_COLUMNS * (1 - k) + LEVEL_DBM]
-        threshold = links.thresholds_db[links.words[k, LOWEST]]
+    link = air.links[k]
+    level = link.looks[row].level_dbm
+    if air.used == 1:
+        ratio = level - link.noise_dbm
+    elif are_a_pair(air):
+        ratio = level - air.links[1 - k].looks[row].level_dbm
+        threshold = air.thresholds_db[link.lowest]
         if abs(ratio - threshold) <= EQUAL_DB:
             ratio = threshold
     else:
-        others = links.table[k, NOISE_MW]
-        for i in range(links.used):
+        others = link.noise_mw
+        for i in range(air.used):
             if i != k:
-                others += looks[row, LOOKED + LOOKED_COLUMNS * i + POWER_MW]
+                others += air.links[i].looks[row].power_mw
         ratio = level - DB * np.log(others)
-    looks[row, at + RATIO_DB] = ratio
-    return float(ratio)
+    link.looks[row].ratio_db = ratio
+    return ratio
 
 
 @kernel
-def ratio_db(links: Links, k: int, t: float) -> float:
+def ratio_db(air: Air, k: int, t: float) -> float:
     """Return the ratio of a signal to noise and interference, after ``t`` seconds, in dB."""
-    level = level_dbm(links, k, t)
-    if links.used == 1:
-        return float(level - links.table[k, NOISE_DBM])
-    if are_a_pair(links):
-        return float(level - level_dbm(links, 1 - k, t))
-    others = links.table[k, NOISE_MW]
-    for i in range(links.used):
+    link = air.links[k]
+    level = level_dbm(link, t)
+    if air.used == 1:
+        return level - link.noise_dbm
+    if are_a_pair(air):
+        return level - level_dbm(air.links[1 - k], t)
+    others = link.noise_mw
+    for i in range(air.used):
         if i != k:
-            others += np.exp(level_dbm(links, i, t) / DB)
+            others += np.exp(level_dbm(air.links[i], t) / DB)
     return float(level - DB * np.log(others))
 
 
 @part
-def class_of(value: float, thresholds: NDArray[np.float64]) -> int:
-    """Return how many thresholds, which rise, a value has reached."""
-    low, high = 0, len(thresholds)
+def class_of(value: float, thresholds: Any, lowest: int, top: int) -> int:
+    """Return how many thresholds, which rise from number ``lowest`` to ``top``, are reached."""
+    low, high = lowest, top
     while low < high:
         middle = (low + high) // 2
         if value >= thresholds[middle]:
             low = middle + 1
         else:
             high = middle
-    return low
+    return low - lowest
 
 
 @kernel
-def class_at(links: Links, k: int, value: float) -> int:
+def class_at(air: Air, k: int, value: float) -> int:
     """Return the class of a signal at a ratio."""
-    words = links.words
-    return class_of(value, links.thresholds_db[words[k, LOWEST] : words[k, TOP]])
+    return class_of(value, air.thresholds_db, air.links[k].lowest, air.links[k].top)
 
 
 @rule
-def are_clear(links: Links) -> bool:
+def are_clear(air: Air) -> bool:
     """Return whether rounding cannot change the classes of the look in row 0, which are noted."""
-    words, looks = links.words, links.looks
-    for k in range(links.used):
-        if words[k, SOUGHT]:
-            value = looks[0, LOOKED + LOOKED_COLUMNS * k + RATIO_DB]
-            state = words[k, STATE]
-            if state != class_at(links, k, value - ROUNDED_DB):
+    for k in range(air.used):
+        link = air.links[k]
+        if link.sought:
+            value = link.looks[0].ratio_db
+            if link.state != class_at(air, k, value - ROUNDED_DB):
                 return False
-            if state != class_at(links, k, value + ROUNDED_DB):
+            if link.state != class_at(air, k, value + ROUNDED_DB):
                 return False
     return True
 
 
 @rule
-def begin_user(links: Links, k: int, held: int) -> None:
+def begin_user(link: Link, held: int) -> None:
     """Begin with the next user, whose class has been ``held`` before the span."""
-    words = links.words
-    words[k, BEGAN], words[k, HELD], words[k, STATE] = words[k, ROWS], held, -1
-    words[k, SOUGHT] = int(words[k, OUT] != 0)
+    link.began, link.held, link.state = link.rows, held, -1
+    link.sought = int(link.out != 0)
 
 
 @kernel
-def note(links: Links, k: int, t_us: int, state: int) -> None:
+def note(link: Link, t_us: int, state: int) -> None:
     """Write that a user's class is another one from a time on.
 
-    With three columns, a row is (time, user, change): the new class if the link rises to it, or
-    minus the new class if it falls to it. The user is written later (``sign``). With two columns, a
-    row is (time, class).
-
-    Changes in one microsecond are one, or none if they cancel. Rows for which there is no room are
-    counted only, some of them more than once and others, of changes back, not at all.
+    The user is written later (``sign``). Changes in one microsecond are one, or none if they
+    cancel. Rows for which there is no room are counted only, some of them more than once and
+    others, of changes back, not at all.
     """
-    words = links.words
-    room, wide, rows, began = words[k, ROOM], words[k, WIDTH], words[k, ROWS], words[k, BEGAN]
-    out = ints_at(words[k, OUT], room * wide)
-    before, last = words[k, HELD], rows * wide - 1
-    if began < rows <= room:
-        before = abs(out[last])
-        if out[last + 1 - wide] == t_us:
+    out, rows, began, before = changes_at(link.out, link.room), link.rows, link.began, link.held
+    if began < rows <= link.room:
+        before = abs(out[rows - 1].change)
+        if out[rows - 1].t_us == t_us:
             rows -= 1
-            last -= wide
-            before = abs(out[last]) if rows > began else words[k, HELD]
+            before = abs(out[rows - 1].change) if rows > began else link.held
     if state != before:
-        if rows < room:
-            out[last + 1] = t_us
-            out[last + wide] = state if wide == 2 or state > before else -state
+        if rows < link.room:
+            out[rows].t_us, out[rows].change = t_us, state if state > before else -state
         rows += 1
-    words[k, ROWS] = rows
+    link.rows = rows
 
 
 @rule
-def sign(links: Links, k: int, user: int) -> None:
+def sign(link: Link, user: int) -> None:
     """Write the user into all rows that have been noted for it."""
-    words = links.words
-    room, wide = words[k, ROOM], words[k, WIDTH]
-    out = ints_at(words[k, OUT], room * wide)
-    for row in range(words[k, BEGAN], min(words[k, ROWS], room)):
-        out[row * wide + 1] = user
+    out = changes_at(link.out, link.room)
+    for k in range(link.began, min(link.rows, link.room)):
+        out[k].user = user

@@ -34,6 +34,7 @@ from desim_uav.model.geometry.relative import ENTERS
 from desim_uav.model.radio.circles import MOST_REST, cross_rings
 from desim_uav.rowcode.compiled_registers import either
 from desim_uav.rowcode.kernels import kernel, part
+from desim_uav.rowcode.rows import Ints
 
 CHANGE = ENTERS
 """The third column of a table of changes: the class to which a link rises, or minus the class to
@@ -49,7 +50,7 @@ def class_changes(
     leg: DroneLeg,
     users: Users,
     radii_m: NDArray[np.float64],
-    groups: NDArray[np.int64],
+    groups: Ints,
     out: NDArray[np.int64],
 ) -> int:
     """Write all changes of class in one drone's leg, for all users, and return their number.
@@ -110,7 +111,7 @@ def sift(
     users: Users,
     least_m: NDArray[np.float64],
     most_m: NDArray[np.float64],
-    groups: NDArray[np.int64],
+    groups: Ints,
     fresh: bool,
 ) -> int:
     """Find the users who may cross circles, and return their number (see ``sifted``).

@@ -5,18 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from desim_uav.model.geometry.relative import rounded_us
-from desim_uav.model.radio.links import (
-    EQUAL_DB,
-    LOOKED,
-    LOOKED_COLUMNS,
-    LOWEST,
-    RATIO_DB,
-    STATE,
-    TIME_S,
-    Links,
-    note,
-    ratio_db,
-)
+from desim_uav.model.radio.links import EQUAL_DB, Air, note, ratio_db
 from desim_uav.rowcode.kernels import kernel, part, rule
 
 ROOT_S = 1e-9
@@ -31,7 +20,7 @@ Slopes = tuple[float, float]
 
 @kernel
 def pass_thresholds(
-    links: Links, k: int, left: int, right: int, begin: float, reached: int, slopes: Slopes
+    air: Air, k: int, left: int, right: int, begin: float, reached: int, slopes: Slopes
 ) -> None:
     """Write when a signal passes all thresholds between its class and another one.
 
@@ -44,18 +33,18 @@ def pass_thresholds(
     or when the slope shows that the last look was near enough. A ratio that is a threshold at one
     of the two looks passes it there, as if it were known without rounding.
     """
-    words, looks, at = links.words, links.looks, LOOKED + LOOKED_COLUMNS * k + RATIO_DB
-    state, start_us = words[k, STATE], links.start_us
-    low, before = looks[left, TIME_S], looks[left, at]
-    until = high = looks[right, TIME_S]
-    end = after = looks[right, at]
+    link = air.links[k]
+    looks, state, start_us = link.looks, link.state, air.start_us
+    low, before = air.looked_s[left], looks[left].ratio_db
+    until = high = air.looked_s[right]
+    end = after = looks[right].ratio_db
     first, last, since = low, before, -np.inf
     later, beyond = high, after
-    if right > 0 and (looks[right - 1, at] > after) == (after > before):
-        later, beyond = looks[right - 1, TIME_S], looks[right - 1, at]
+    if right > 0 and (looks[right - 1].ratio_db > after) == (after > before):
+        later, beyond = air.looked_s[right - 1], looks[right - 1].ratio_db
     rises = reached > state
     while state != reached:
-        threshold = links.thresholds_db[words[k, LOWEST] + (state if rises else state - 1)]
+        threshold = air.thresholds_db[link.lowest + (state if rises else state - 1)]
         while (after >= threshold) != rises:
             first, last, low, before, high, after = low, before, high, after, later, beyond
             later, beyond = until, end
@@ -64,11 +53,11 @@ def pass_thresholds(
                 break
         found, width, tries = high, high - low, 0
         if before == threshold:
-            leaves = _leaves_at(links, k, (low, high), threshold, rises)
+            leaves = _leaves_at(air, k, (low, high), threshold, rises)
             if leaves == low:
                 found, high, after = low, low, before
             else:
-                first, last, low, before = low, before, leaves, ratio_db(links, k, leaves)
+                first, last, low, before = low, before, leaves, ratio_db(air, k, leaves)
         elif after == threshold:
             low, before = high, after
         while not _meet(start_us, begin, low, high):
@@ -85,7 +74,7 @@ def pass_thresholds(
             found = min(max(low + share * (high - low), low + least), high - least)
             if not low < found < high:
                 break
-            value = ratio_db(links, k, found)
+            value = ratio_db(air, k, found)
             if (value >= threshold) == rises:
                 later, beyond, high, after = high, after, found, value
             else:
@@ -99,13 +88,13 @@ def pass_thresholds(
             found = high
         since = max(since, found)
         state += 1 if rises else -1
-        note(links, k, rounded_us(start_us, begin + since), state)
-    words[k, STATE] = state
+        note(link, rounded_us(start_us, begin + since), state)
+    link.state = state
 
 
 @kernel
 def _leaves_at(
-    links: Links, k: int, between: tuple[float, float], threshold: float, rises: bool
+    air: Air, k: int, between: tuple[float, float], threshold: float, rises: bool
 ) -> float:
     """Return the first of two times if a ratio that is a threshold then passes it at once.
 
@@ -114,7 +103,7 @@ def _leaves_at(
     first, end = between
     after = SOON_S
     while first + after < end:
-        value = ratio_db(links, k, first + after)
+        value = ratio_db(air, k, first + after)
         if abs(value - threshold) > EQUAL_DB:
             return first if (value >= threshold) == rises else first + after
         after *= 4.0

@@ -1,7 +1,7 @@
 """The times at which buildings begin and cease to block the line between a user and a drone.
 
-A building is a vertical prism: a convex footprint on the ground, and a flat roof. It blocks the
-line if it contains a stretch of it; a line that only touches a wall, an edge or a roof is clear.
+A building (``model.radio.buildings``) blocks the line if it contains a stretch of it; a line that
+only touches a wall, an edge or a roof is clear.
 
 Whether a building blocks the line can only change when, in plan, the line passes a corner of the
 footprint, when it passes over a wall at just the height of the roof, or when the user or the drone
@@ -12,16 +12,27 @@ state is decided once, at the time in the middle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from desim_uav.model.geometry.polynomial import Coefficients, sign_changes
 from desim_uav.model.geometry.relative import rounded_us
-from desim_uav.model.radio.tracks import BEGIN, PULL_AT, Point, Rows, note, place, row_at, velocity
-from desim_uav.rowcode.kernels import kernel, maker, part
+from desim_uav.model.radio.buildings import Buffers, Buildings, Corner, Stretch
+from desim_uav.model.radio.tracks import (
+    Point,
+    Rows,
+    TrackRow,
+    Turn,
+    next_s,
+    note,
+    place,
+    pulled,
+    row_at,
+    velocity,
+)
+from desim_uav.rowcode.kernels import kernel, part
+from desim_uav.rowcode.rows import Floats, Table
 
 BLOCKED, CLEAR = 0, 1
 """The states of a line of sight."""
@@ -31,38 +42,6 @@ GAP_S = 1e-7
 rounding of two equal times, as where a line passes from one building to the next."""
 
 
-class Buildings(NamedTuple):
-    """Buildings, and a grid of buckets by which they are found.
-
-    ``corners_m`` has the corners of all footprints, counterclockwise; those of building b are
-    ``offsets[b]:offsets[b + 1]``. ``roofs_m`` are the heights. ``shape``: the buckets along x and
-    y, and ``side_m`` how long they are. ``members[heads[k]:heads[k + 1]]`` are the buildings that
-    reach into bucket k, by rows of x.
-    """
-
-    corners_m: NDArray[np.float64]
-    offsets: NDArray[np.int64]
-    roofs_m: NDArray[np.float64]
-    shape: tuple[int, int]
-    side_m: tuple[float, float]
-    heads: NDArray[np.int64]
-    members: NDArray[np.int64]
-    tallest_m: float
-
-
-class Buffers(NamedTuple):
-    """The buffers of the kernels, which allocate no memory.
-
-    ``times`` holds the times at which one building may change the state in one piece: at least
-    9 for each of its corners, and 4 more. ``blocked`` (rows, 2) holds the stretches of time in
-    which a building blocks the line. ``visited`` (buildings + 1,) begins as zeros.
-    """
-
-    times: NDArray[np.float64]
-    blocked: NDArray[np.float64]
-    visited: NDArray[np.int64]
-
-
 class Line(NamedTuple):
     """A line of sight from a time on: position and motion of the user, and those of the drone."""
 
@@ -70,111 +49,24 @@ class Line(NamedTuple):
     walks: Point
     drone: Point
     flies: Point
-    pulled: Point
-
-
-def prisms(
-    footprints_m: Sequence[NDArray[np.float64]],
-    roofs_m: Sequence[float],
-    shape: tuple[int, int],
-    side_m: tuple[float, float],
-) -> Buildings:
-    """Return buildings with these footprints, convex and counterclockwise, on a map of buckets.
-
-    The map begins at (0, 0). Raises ValueError for a footprint that is not convex and
-    counterclockwise, or that reaches off the map.
-    """
-    for number, corners in enumerate(footprints_m):
-        ahead = np.roll(corners, -1, axis=0) - corners
-        beyond = np.roll(ahead, -1, axis=0)
-        if len(corners) < 3 or not (ahead[:, 0] * beyond[:, 1] > ahead[:, 1] * beyond[:, 0]).all():
-            raise ValueError(f"footprint {number} is not convex and counterclockwise")
-        low, high = corners.min(axis=0) / side_m, corners.max(axis=0) / side_m
-        if (low < -1e-9).any() or (high > np.array(shape) + 1e-9).any():
-            raise ValueError(f"footprint {number} reaches off the map")
-    return Buildings(
-        np.concatenate([np.zeros((0, 2)), *footprints_m]),
-        np.cumsum([0, *map(len, footprints_m)]),
-        np.array(roofs_m, float),
-        shape,
-        side_m,
-        *bucketed(footprints_m, shape, side_m),
-        max(roofs_m, default=0.0),
-    )
-
-
-def bucketed(
-    footprints_m: Sequence[NDArray[np.float64]],
-    shape: tuple[int, int],
-    side_m: tuple[float, float],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the ``heads`` and the ``members`` of buckets that footprints reach into.
-
-    What is off the map belongs to the nearest buckets.
-    """
-    buckets: list[list[int]] = [[] for _ in range(shape[0] * shape[1])]
-    for number, corners in enumerate(footprints_m):
-        (west, south), (east, north) = corners.min(axis=0) / side_m, corners.max(axis=0) / side_m
-        for ix in _reached(west, east, shape[0]):
-            for iy in _reached(south, north, shape[1]):
-                buckets[ix * shape[1] + iy].append(number)
-    members = [number for bucket in buckets for number in bucket]
-    return np.cumsum([0, *map(len, buckets)]), np.array(members, np.int64)
-
-
-def _reached(low: float, high: float, count: int) -> range:
-    """Return the buckets, of ``count`` along an axis, in which a range of them has its places."""
-    return range(min(max(int(low), 0), count - 1), max(min(int(np.ceil(high)), count), 1))
-
-
-def cells_as_prisms(height_m: NDArray[np.float64], side_m: tuple[float, float]) -> Buildings:
-    """Return the buildings of a grid of cells (nx, ny), each with the height of what stands on it.
-
-    Each cell that is higher than 0 is a building, and a bucket of its own.
-    """
-    nx, ny = height_m.shape
-    built = np.argwhere(height_m > 0.0)
-    corner = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
-    corners = (built[:, None, :] + corner[None, :, :]) * np.array(side_m)
-    heads = np.concatenate([[0], np.cumsum(height_m.ravel() > 0.0)])
-    return Buildings(
-        np.ascontiguousarray(corners.reshape(-1, 2)),
-        np.arange(0, 4 * len(built) + 1, 4),
-        np.ascontiguousarray(height_m[height_m > 0.0]),
-        (nx, ny),
-        side_m,
-        heads,
-        np.arange(len(built)),
-        float(height_m.max(initial=0.0)),
-    )
-
-
-@maker
-def buffers_for(offsets: NDArray[np.int64], stretches: int) -> Buffers:
-    """Return buffers for buildings with these offsets and this number of blocked stretches."""
-    most = 0
-    for b in range(len(offsets) - 1):
-        most = max(most, offsets[b + 1] - offsets[b])
-    return Buffers(
-        np.empty(9 * most + 4), np.empty((stretches, 2)), np.zeros(len(offsets), np.int64)
-    )
+    pull: Point
 
 
 @kernel
 def sight_changes(
-    tracks: NDArray[np.float64],
+    tracks: Table[TrackRow],
     user: Rows,
     drone: Rows,
     buildings: Buildings,
     buffers: Buffers,
     span_us: tuple[int, int],
     held: int,
-    out: NDArray[np.int64],
+    out: Table[Turn],
 ) -> int:
     """Write when the line between a user and a drone becomes blocked or clear.
 
     ``user`` and ``drone`` are their tracks in ``tracks`` (not relative), of the same span; between
-    two rows the drone flies straight on and does not turn back. Rows (time, state) go into ``out``.
+    two rows the drone flies straight on and does not turn back. Turns go into ``out``.
     ``held`` is the state before the span: a row at its start says if it is another one there.
     States at both ends of the span depend on the places there only, and changes in one microsecond
     cancel.
@@ -184,27 +76,25 @@ def sight_changes(
     rows that it needs.
     """
     i, j = user[0], drone[0]
-    rows = note(out, 0, held, span_us[0], state_at(tracks, i, j, 0.0, buildings, buffers))
-    end = tracks[user[1] - 1, BEGIN]
+    rows = note(out, 0, held, span_us[0], state_at(tracks[i], tracks[j], 0.0, buildings, buffers))
+    end = tracks[user[1] - 1].begin_s
     at, found = 0.0, 0
     while at < end:
         i = row_at(tracks, i, user[1], at)
         j = row_at(tracks, j, drone[1], at)
-        until = min(
-            tracks[i + 1, BEGIN] if i + 1 < user[1] else end,
-            tracks[j + 1, BEGIN] if j + 1 < drone[1] else end,
-        )
-        found = _look(_line(tracks, i, j, at), at, until, buildings, buffers, found)
+        until = next_s(tracks, j, drone[1], next_s(tracks, i, user[1], end))
+        found = _look(_line(tracks[i], tracks[j], at), at, until, buildings, buffers, found)
         at = until
     if found > len(buffers.blocked):
         return -found
-    _sort(buffers.blocked, found)
+    blocked = buffers.blocked
+    _sort(blocked, found)
     k, clear = 0, 0.0
     while k < found:
-        since, until = buffers.blocked[k, 0], buffers.blocked[k, 1]
+        since, until = blocked[k].since_s, blocked[k].until_s
         k += 1
-        while k < found and buffers.blocked[k, 0] <= until + GAP_S:
-            until = max(until, buffers.blocked[k, 1])
+        while k < found and blocked[k].since_s <= until + GAP_S:
+            until = max(until, blocked[k].until_s)
             k += 1
         if until - since > GAP_S:
             if since - clear > GAP_S:
@@ -213,28 +103,23 @@ def sight_changes(
             clear = until
     if clear < end:
         rows = note(out, rows, held, rounded_us(span_us[0], clear), CLEAR)
-    last = state_at(tracks, user[1] - 1, drone[1] - 1, end, buildings, buffers)
+    last = state_at(tracks[user[1] - 1], tracks[drone[1] - 1], end, buildings, buffers)
     return note(out, rows, held, span_us[1], last)
 
 
 @kernel
 def state_at(
-    tracks: NDArray[np.float64], i: int, j: int, t: float, buildings: Buildings, buffers: Buffers
+    user: TrackRow, drone: TrackRow, t: float, buildings: Buildings, buffers: Buffers
 ) -> int:
-    """Return the state of a line at a time, from the rows i of the user and j of the drone."""
-    line = _line(tracks, i, j, t)
+    """Return the state of a line at a time, from rows of the tracks of the user and the drone."""
+    line = _line(user, drone, t)
     return BLOCKED if _look(line, t, t, buildings, buffers, 0) > 0 else CLEAR
 
 
 @part
-def _line(tracks: NDArray[np.float64], i: int, j: int, t: float) -> Line:
-    pulled = (tracks[j, PULL_AT], tracks[j, PULL_AT + 1], tracks[j, PULL_AT + 2])
+def _line(user: TrackRow, drone: TrackRow, t: float) -> Line:
     return Line(
-        place(tracks, i, t),
-        velocity(tracks, i, t),
-        place(tracks, j, t),
-        velocity(tracks, j, t),
-        pulled,
+        place(user, t), velocity(user, t), place(drone, t), velocity(drone, t), pulled(drone)
     )
 
 
@@ -365,14 +250,15 @@ def _stretches(
             high = low
         if since >= 0.0:
             if found < len(buffers.blocked):
-                buffers.blocked[found, 0], buffers.blocked[found, 1] = at + since, at + high
+                stretch = buffers.blocked[found]
+                stretch.since_s, stretch.until_s = at + since, at + high
             found += 1
             since = -1.0
     return found
 
 
 @kernel
-def _times(line: Line, end: float, buildings: Buildings, b: int, times: NDArray[np.float64]) -> int:
+def _times(line: Line, end: float, buildings: Buildings, b: int, times: Floats) -> int:
     """Write all times inside (0, ``end``) at which one building may change the state."""
     if not end > 0.0:
         return 0
@@ -386,9 +272,7 @@ def _times(line: Line, end: float, buildings: Buildings, b: int, times: NDArray[
     count = _add((u[0] + d[0], u[1] + d[1], d[2], 0.0, 0.0), end, times, count)
     first, last = buildings.offsets[b], buildings.offsets[b + 1]
     for k in range(first, last):
-        x, y = buildings.corners_m[k, 0], buildings.corners_m[k, 1]
-        following = k + 1 if k + 1 < last else first
-        ex, ey = buildings.corners_m[following, 0] - x, buildings.corners_m[following, 1] - y
+        x, y, ex, ey = _wall(buildings.corners, k, first, last)
         # The line passes a corner: (corner - user) x (drone - user) = 0.
         cx, cy = x - ux, y - uy
         gx, gy = px - ux, py - uy
@@ -418,7 +302,16 @@ def _times(line: Line, end: float, buildings: Buildings, b: int, times: NDArray[
 
 
 @part
-def _add(c: Coefficients, end: float, times: NDArray[np.float64], count: int) -> int:
+def _wall(
+    corners: Table[Corner], k: int, first: int, last: int
+) -> tuple[float, float, float, float]:
+    """Return a corner of a footprint, and how far the next one is away along x and y."""
+    corner, following = corners[k], corners[k + 1 if k + 1 < last else first]
+    return corner.x_m, corner.y_m, following.x_m - corner.x_m, following.y_m - corner.y_m
+
+
+@part
+def _add(c: Coefficients, end: float, times: Floats, count: int) -> int:
     """Write where a polynomial changes its sign, and return the number of times then."""
     found, roots = sign_changes(c, c[0] > 0.0, end, 0.0)
     for k in range(found):
@@ -433,9 +326,7 @@ def _blocks(line: Line, s: float, buildings: Buildings, b: int) -> bool:
     begin, end = 0.0, 1.0
     first, last = buildings.offsets[b], buildings.offsets[b + 1]
     for k in range(first, last):
-        x, y = buildings.corners_m[k, 0], buildings.corners_m[k, 1]
-        following = k + 1 if k + 1 < last else first
-        ex, ey = buildings.corners_m[following, 0] - x, buildings.corners_m[following, 1] - y
+        x, y, ex, ey = _wall(buildings.corners, k, first, last)
         near = ex * (uy - y) - ey * (ux - x)
         far = ex * (py - y) - ey * (px - x)
         if near <= 0.0 and far <= 0.0:
@@ -451,11 +342,12 @@ def _blocks(line: Line, s: float, buildings: Buildings, b: int) -> bool:
 
 
 @part
-def _sort(rows: NDArray[np.float64], count: int) -> None:
-    """Sort the first rows of a table by their first number."""
+def _sort(stretches: Table[Stretch], count: int) -> None:
+    """Sort the first stretches of a table by their beginnings."""
     for k in range(1, count):
-        since, until, i = rows[k, 0], rows[k, 1], k
-        while i > 0 and rows[i - 1, 0] > since:
-            rows[i, 0], rows[i, 1] = rows[i - 1, 0], rows[i - 1, 1]
+        since, until, i = stretches[k].since_s, stretches[k].until_s, k
+        while i > 0 and stretches[i - 1].since_s > since:
+            before = stretches[i - 1]
+            stretches[i].since_s, stretches[i].until_s = before.since_s, before.until_s
             i -= 1
-        rows[i, 0], rows[i, 1] = since, until
+        stretches[i].since_s, stretches[i].until_s = since, until

@@ -8,13 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.air import buildings_of
 from desim_uav.engine.episode import Engine
+from desim_uav.engine.sky import buildings_of
 from desim_uav.model.geometry.grid import cell_index
+from desim_uav.model.radio.buildings import Buildings, buffers_for
 from desim_uav.model.radio.draws import UNSEEN
 from desim_uav.model.radio.functions import elevation_deg
-from desim_uav.model.radio.sight import CLEAR, Buildings, buffers_for, state_at
-from desim_uav.model.radio.tracks import AT, TRACK_COLUMNS
+from desim_uav.model.radio.sight import CLEAR, state_at
+from desim_uav.model.radio.tracks import TrackRow
+from desim_uav.rowcode.views import zeros
 from desim_uav.rules.air import number_in_draws
 from desim_uav.rules.flight import position
 from desim_uav.world import World
@@ -66,7 +68,8 @@ def _chance(radio: Any, buildings: Buildings, place: Any, user: Any) -> float:
 
 def _is_clear(buildings: Buildings, place: Any, user: Any) -> bool:
     """Return whether no building is between a transmitter and a user, who are where they are."""
-    tracks = np.zeros((2, TRACK_COLUMNS))
-    tracks[0, AT : AT + 3], tracks[1, AT : AT + 3] = user, place
+    tracks = zeros(TrackRow, 2)
+    for track, at_m in zip(tracks, (user, place), strict=True):
+        track["x_m"], track["y_m"], track["z_m"] = at_m
     buffers = buffers_for(buildings.offsets, 1)
-    return bool(state_at(tracks, 0, 1, 0.0, buildings, buffers) == CLEAR)
+    return bool(state_at(tracks[0], tracks[1], 0.0, buildings, buffers) == CLEAR)

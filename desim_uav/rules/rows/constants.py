@@ -14,25 +14,18 @@ class Radio(Row):
 
     ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
     link of each class carries per hertz, class 0 (none) first. If it is ``flat``, the radii of its
-    classes (``Scene.rings``) are the same on all levels. Its links may be ``marked``
-    (``model.radio.marks``). The fields from ``divide`` on are functions, or in compiled code their
-    addresses; ``sharing_values`` and ``loss_values`` are the addresses of the components' fields.
+    classes (``Scene.radios``) are the same on all levels. Its links may be ``marked``
+    (``model.radio.marks``). ``divide`` is a function, or in compiled code its address, and
+    ``sharing_values`` is the address of the component's fields.
     """
 
     bandwidth_hz: int
     classes: int
     flat: int
     efficiencies: Table[int]
-    carrier_ghz: float
-    power_dbm: float
-    noise_dbm: float
     marked: int
     sharing_values: int
-    loss_values: int
     divide: int
-    level: int
-    rates: int
-    p_los: int
 
 
 @row

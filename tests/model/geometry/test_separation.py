@@ -5,18 +5,18 @@ import pytest
 
 from desim_uav.model.geometry.separation import CLEAR, NEAR, approach, conflicts
 from desim_uav.model.motion.motion import BangCoastBang
-from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly
+from desim_uav.model.radio.tracks import TrackRow, Turn, fly
+from desim_uav.rowcode.views import zeros
 from tests.model.radio.looking import Seen, hold_classes
-from tests.model.radio.making import START_US, Leg, flying, hovering
+from tests.model.radio.making import START_US, Leg, flight_of, flying, hovering
 from tests.model.sampler import Flight as Flown
 
 
 def tracked(legs, span_us):
     """(table of tracks, the rows of both drones)."""
-    tracks, rows, row = np.zeros((20, TRACK_COLUMNS)), [], 0
+    tracks, rows, row = zeros(TrackRow, 20), [], 0
     for leg in legs:
-        flight = Flight(leg.profile, leg.route, START_US - leg.before_us)
-        after = fly(flight, span_us, tracks, row)
+        after = fly(flight_of(leg), span_us, tracks, row)
         rows.append((row, after))
         row = after
     return tracks, rows
@@ -25,9 +25,9 @@ def tracked(legs, span_us):
 def rows_of(legs, least_m, span_s, held=-1, room=30):
     span = (START_US, START_US + round(span_s * 1e6))
     tracks, (one, other) = tracked(legs, span)
-    out = np.full((room, 2), -7)
+    out = zeros(Turn, room)
     count = conflicts(tracks, one, other, least_m, span, held, out)
-    return [tuple(row) for row in out[:count].tolist()] if count <= room else count
+    return out[:count].tolist() if count <= room else count
 
 
 def seconds(rows):
@@ -105,14 +105,14 @@ class TestByHand:
 
     def test_spans_that_meet_agree(self):
         tracks, (one, other) = tracked(self.PAST, (START_US, START_US + 15_000_000))
-        out = np.zeros((9, 2), np.int64)
+        out = zeros(Turn, 9)
         span = (START_US, START_US + 15_000_000)
         count = conflicts(tracks, one, other, 20.0, span, CLEAR, out)
-        state = out[count - 1, 1]
+        state = out["state"][count - 1]
         span = (span[1], START_US + 40_000_000)
         tracks, (one, other) = tracked(self.PAST, span)
         count += conflicts(tracks, one, other, 20.0, span, state, out[count:])
-        assert [tuple(row) for row in out[:count].tolist()] == rows_of(self.PAST, 20.0, 40.0)[1:]
+        assert out[:count].tolist() == rows_of(self.PAST, 20.0, 40.0)[1:]
 
 
 def random_pair(rng):

@@ -14,8 +14,10 @@ from desim_uav.model.motion.legs import (
 )
 from desim_uav.model.motion.limits import CALM, Limits
 from desim_uav.model.motion.motion import BangCoastBang
-from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly, place, row_at
+from desim_uav.model.radio.tracks import Flight, TrackRow, fly, place, row_at
 from desim_uav.rowcode.kernels import kernel
+from desim_uav.rowcode.views import records, zeros
+from desim_uav.sky.rows import Piece
 from tests.model.radio.looking import Trip
 from tests.model.sampler import Flight as Flown
 
@@ -65,11 +67,13 @@ class TestLegs:
             assert leg.duration_s == pytest.approx(own.total_s, rel=1e-12)
             times = rng.uniform(0.0, 1.2 * own.total_s, 20)
             profile = profile_of(leg)
-            tracks = np.zeros((10, TRACK_COLUMNS))
-            end = fly(Flight(profile, leg.route, 0), (0, 2 * leg.duration_us), tracks, 0)
+            tracks = zeros(TrackRow, 10)
+            end = fly(
+                Flight(records(Piece, profile), leg.route, 0), (0, 2 * leg.duration_us), tracks, 0
+            )
             for t, expected in zip(times, trip.at(times), strict=True):
                 assert place_on(leg, profile, t) == pytest.approx(expected, abs=1e-9)
-                assert place(tracks, row_at(tracks, 0, end, t), t) == pytest.approx(
+                assert place(tracks[row_at(tracks, 0, end, t)], t) == pytest.approx(
                     expected, abs=1e-5
                 )
 

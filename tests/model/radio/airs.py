@@ -6,11 +6,18 @@ from itertools import chain
 
 import numpy as np
 
-from desim_uav.model.radio.air import class_changes_in_air, pair_changes
 from desim_uav.model.radio.functions import log10, slant_range_m
 from desim_uav.model.radio.levels import compiled_loss
+from desim_uav.model.radio.links import LOOKS, Link, Look
+from desim_uav.model.radio.marks import Mark
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, LogDistance, RowPathLoss
-from desim_uav.model.radio.scene import Air, memory
+from desim_uav.model.radio.tracks import TrackRow
+from desim_uav.rowcode.rows import Table, address, blank
+from desim_uav.rowcode.views import in_memory, records, zeros
+from desim_uav.sky import links
+from desim_uav.sky import rows as sky_rows
+from desim_uav.sky.links import MOST_PASSED
+from desim_uav.sky.rows import Change, Leg, Piece, Propagation, Scene, TransitRow
 from tests.model.radio.looking import Loss, moving
 from tests.model.radio.making import START_US, flying, hovering, walks
 from tests.model.sampler import Walk
@@ -102,46 +109,78 @@ class Sky:
         t = np.atleast_1d(np.asarray(t, float))
         return self.level(one, user, t) - self.level(other, user, t)
 
-    def air(self):
-        """The same for the package."""
-        count, users = len(self.legs), len(self.walks)
-        losses = [kept_loss(radio.path_loss) for radio in self.radios]
-        legs = [walks(walk, START_US) for walk in self.walks]
-        marks = [self.marks.get((i, user), []) for i in range(count) for user in range(users)]
-        places = [
-            (*leg.route, power) for leg, power in zip(self.legs, self.powers_dbm, strict=True)
-        ]
-        return Air(
-            places=np.array(places, float),
-            senders=np.array(
-                [
-                    (
-                        *(START_US - self.legs[i].before_us, i, self.serves[i], self.bands[i], i),
-                        START_US,
-                    )
-                    for i in range(count)
-                ]
-            ),
-            pieces=np.concatenate([leg.profile for leg in self.legs]),
-            pieces_at=offsets(leg.profile for leg in self.legs),
-            losses=np.array([loss[:3] for loss in losses]),
-            radios=np.array([(2.0, self.noise_dbm)] * count),
-            thresholds_db=np.tile(self.thresholds, count),
-            thresholds_at=np.arange(count + 1) * len(self.thresholds),
-            legs=np.concatenate(legs),
-            legs_at=offsets(legs),
-            heights_m=np.full(users, USER_M),
-            marks=np.array([*chain(*marks)], float).reshape(-1, 3),
-            marks_at=self._marks_at(marks) if self.marks else np.zeros(0, np.int64),
-            **memory(count, 5),
-        )
+    def air(self, room=0):
+        """The same for the package, with so much room for changes of each drone."""
+        return Air(self, room)
 
-    def _marks_at(self, marks):
+
+class Air:
+    """The rows of a sky in memory, and the calls of its kernels."""
+
+    def __init__(self, sky, room):
+        count, users = len(sky.legs), len(sky.walks)
+        scene, own = blank(Scene), blank(sky_rows.Sky)
+        scene.transits = Table(blank(TransitRow) for _ in sky.legs)
+        scene.radios = Table(blank(Propagation) for _ in sky.legs)
+        scene.groups, scene.heights_m = np.zeros(users, int), np.full(users, USER_M)
+        own.legs = Table(blank(Leg) for _ in sky.legs)
+        own.air.links = Table(blank(Link) for _ in sky.legs)
+        for i, leg in enumerate(sky.legs):
+            scene.transits[i].pieces = records(Piece, leg.profile)
+            radio, loss = scene.radios[i], kept_loss(sky.radios[i].path_loss)
+            radio.level, radio.rates, radio.loss_values = loss[:3]
+            radio.carrier_ghz, radio.power_dbm, radio.noise_dbm = (
+                2.0,
+                sky.powers_dbm[i],
+                sky.noise_dbm,
+            )
+            radio.lowest, radio.classes = i * len(sky.thresholds), len(sky.thresholds)
+            row = own.legs[i]
+            row.x0_m, row.y0_m, row.z0_m, row.x1_m, row.y1_m, row.z1_m = leg.route
+            row.since_us, row.transit, row.radio = START_US - leg.before_us, i, i
+            row.serving, row.band, row.marked_us = int(sky.serves[i]), int(sky.bands[i]), START_US
+            own.air.links[i].looks = zeros(Look, LOOKS)
+        own.air.looked_s = np.zeros(LOOKS)
+        own.air.thresholds_db = np.array([*np.tile(sky.thresholds, count), 0.0])
+        own.air.tracks, own.passed = zeros(TrackRow, 6 * count), zeros(Change, MOST_PASSED)
+        own.held, own.changes = np.zeros(count * users, int), zeros(Change, room * count)
+        if sky.marks:
+            marks = [sky.marks.get((i, user), []) for i in range(count) for user in range(users)]
+            own.air.marks = records(Mark, [*chain(*marks)])
+            own.air.marks_at = self._marks_at(offsets(marks), users)
+        self.scene, self.sky, self.users = in_memory(scene), in_memory(own), users
+        legs = [walks(walk, START_US) for walk in sky.walks]
+        self.walks, self.begins = np.concatenate(legs), offsets(legs)
+
+    @staticmethod
+    def _marks_at(ends, users):
         """Where the marks of each user begin and end, drone by drone."""
-        users, ends = len(self.walks), offsets(marks)
-        return np.concatenate(
-            [ends[i * users : (i + 1) * users + 1] for i in range(len(self.legs))]
-        )
+        firsts = range(0, len(ends) - 1, users)
+        return np.concatenate([ends[first : first + users + 1] for first in firsts])
+
+    @property
+    def walked(self):
+        """Where the walks are."""
+        return address(self.walks), self.walks.size, address(self.begins)
+
+    def classes(self, sender, span_us, held, out):
+        """Write the changes of a drone's links, user by user, and return their number."""
+        self.sky.held[sender * self.users : (sender + 1) * self.users] = held
+        rows = zeros(Change, len(out))
+        own = address(self.scene), address(self.sky), address(rows), len(rows)
+        count = links.foresee_in_air(*own, *self.walked, sender, *span_us)
+        found = rows[: min(count, len(rows))][::-1]
+        order = np.argsort(found["user"], kind="stable")
+        out[: len(found)] = np.array(found[order].tolist()).reshape(-1, 3)
+        return count
+
+    def pair(self, user, one, other, threshold_db, span_us, held):
+        """The times at which one level passes another one, and the state from then on."""
+        own = address(self.scene), address(self.sky), *self.walked
+        first_us = links.better_us(*own, user, one, other, *span_us, held, threshold_db)
+        rows = self.sky.passed.array[: self.sky.air.links[0].rows].tolist()
+        assert first_us == (rows[0][0] if rows else links.NEVER)
+        return [(t_us, abs(change)) for t_us, _, change in rows]
 
 
 @cache
@@ -202,15 +241,12 @@ def random_marks(rng, drones, users, span_s):
     return marks
 
 
-def class_rows(sky, i, air=None, held=None, out=None):
+def class_rows(sky, i):
     """The rows (time, class) of each user, the first one at the start of the span."""
-    air = sky.air() if air is None else air
-    users = len(sky.walks)
-    out = np.zeros((2000, 3), np.int64) if out is None else out
-    before = np.zeros(users, np.int64) if held is None else held
-    count = class_changes_in_air(air, i, sky.span_us, before, held is None, out)
+    users, out = len(sky.walks), np.zeros((2000, 3), np.int64)
+    count = sky.air().classes(i, sky.span_us, 0, out)
     assert 0 <= count <= len(out)
-    rows = [[(START_US, int(before[user]))] for user in range(users)]
+    rows = [[(START_US, 0)] for _ in range(users)]
     for t_us, user, change in out[:count].tolist():
         own = rows[user]
         assert (change > own[-1][1]) if change > 0 else (-change < own[-1][1])
@@ -221,13 +257,9 @@ def class_rows(sky, i, air=None, held=None, out=None):
     return rows
 
 
-def pair_rows(sky, user, one, other, threshold_db, air=None, held=-1):
+def pair_rows(sky, user, one, other, threshold_db, held=-1):
     """The rows (time, state) of a pair of drones."""
-    out = np.zeros((100, 2), np.int64)
-    air = sky.air() if air is None else air
-    count = pair_changes(air, user, one, other, threshold_db, sky.span_us, held, out)
-    assert 0 <= count <= len(out)
-    return [(t_us, state) for t_us, state in out[:count].tolist()]
+    return sky.air().pair(user, one, other, threshold_db, sky.span_us, held)
 
 
 def sky_of(legs, walks, radio=FREE, thresholds=(0.0,), noise_dbm=-90.0, span_s=60.0, **options):

@@ -3,7 +3,9 @@
 import numpy as np
 
 from desim_uav.model.motion.motion import REST, BangCoastBang
-from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly, walk
+from desim_uav.model.radio.tracks import Flight, TrackRow, fly, walk
+from desim_uav.rowcode.views import records, zeros
+from desim_uav.sky.rows import Piece
 from tests.model import sampler
 from tests.model.radio.looking import Trip
 
@@ -60,12 +62,16 @@ def walks(walk_, start_us=START_US):
     )
 
 
+def flight_of(leg, start_us=START_US):
+    """A leg as a flight of the package."""
+    return Flight(records(Piece, leg.profile), leg.route, start_us - leg.before_us)
+
+
 def absolute(legs, walk_, height_m, span_us):
     """(table of tracks, rows of the drones, rows of the user)."""
-    tracks, drones, row = np.zeros((120, TRACK_COLUMNS)), [], 0
+    tracks, drones, row = zeros(TrackRow, 120), [], 0
     for leg in legs:
-        flight = Flight(leg.profile, leg.route, span_us[0] - leg.before_us)
-        after = fly(flight, span_us, tracks, row)
+        after = fly(flight_of(leg, span_us[0]), span_us, tracks, row)
         drones.append((row, after))
         row = after
     own = walks(walk_, span_us[0])
@@ -77,4 +83,4 @@ def absolute(legs, walk_, height_m, span_us):
 def rows_of(out, count):
     """The rows a kernel has written, as numbers."""
     assert count <= len(out)
-    return [(int(t), int(state)) for t, state in out[:count]]
+    return out[:count].tolist()

@@ -7,12 +7,15 @@ from statistics import NormalDist
 
 import numpy as np
 
-from desim_uav.model.radio.marks import DRAWN, Sight, compiled_chance, marks_of, memory_for
+from desim_uav.model.radio.buildings import cells_as_prisms
+from desim_uav.model.radio.chances import Odds, compiled_chance
+from desim_uav.model.radio.marks import DRAWN, Mark, Marks, Sight, marks_of, memory_for
 from desim_uav.model.radio.path_loss import LOS, NLOS, AlHourani
-from desim_uav.model.radio.sight import cells_as_prisms
-from desim_uav.model.radio.tracks import Flight
+from desim_uav.model.radio.tracks import Walkers
+from desim_uav.model.radio.visits import Cells
+from desim_uav.rowcode.views import zeros
 from tests.model.radio.looking import finer, grid, moving
-from tests.model.radio.making import START_US, Leg, flying, hovering, walks
+from tests.model.radio.making import START_US, Leg, flight_of, flying, hovering, walks
 from tests.model.sampler import Walk
 
 KEY = (0x0123456789ABCDEF, 0xFEDCBA9876543210)
@@ -56,16 +59,21 @@ class Street:
         most = max(map(len, legs))
         return Sight(
             self.kind,
-            np.array(self.key, np.uint64),
-            self.shadow_db,
-            self.cell_m,
-            self.cells,
-            np.concatenate(legs),
-            np.cumsum([0, *map(len, legs)]),
-            np.full(len(legs), self.height_m),
-            Flight(self.leg.profile, self.leg.route, START_US - self.leg.before_us),
-            chance[0],
-            chance[1],
+            Odds(
+                np.array(self.key, np.uint64),
+                len(legs),
+                self.number,
+                self.shadow_db,
+                chance[0],
+                chance[1],
+            ),
+            Cells(self.cell_m, self.cells),
+            Walkers(
+                np.concatenate(legs),
+                np.cumsum([0, *map(len, legs)]),
+                np.full(len(legs), self.height_m),
+            ),
+            flight_of(self.leg),
             self.buildings,
             memory_for(len(self.leg.profile), most, self.cells, self.buildings, self.stretches),
         )
@@ -73,15 +81,12 @@ class Street:
     def marks(self, span_us=None, rows=None):
         """The marks of each user: lists of (seconds, branch, dB)."""
         rows = 400 * len(self.walks) if rows is None else rows
-        out, at = np.full((rows, 3), np.nan), np.zeros(len(self.walks) + 1, np.int64)
-        count = marks_of(self.sight(), self.number, span_us or self.span_us, out, at)
+        out, at = zeros(Mark, rows), np.zeros(len(self.walks) + 1, np.int64)
+        count = marks_of(self.sight(), span_us or self.span_us, Marks(out, at, 0, rows))
         if not 0 <= count <= rows:
             return count
         assert count == at[-1]
-        return [
-            [(t, int(branch), extra) for t, branch, extra in out[first:after].tolist()]
-            for first, after in pairwise(at)
-        ]
+        return [out[first:after].tolist() for first, after in pairwise(at)]
 
     # ---- the truth
 

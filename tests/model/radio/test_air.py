@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from desim_uav.model.motion.motion import BangCoastBang
-from desim_uav.model.radio.air import class_changes_in_air, pair_changes
 from desim_uav.model.radio.search import (
     TOLERANCE_DB,
 )
-from desim_uav.rowcode.kernels import kernel
 from tests.model.radio.airs import (
     RADIOS,
     Radio,
@@ -62,14 +60,12 @@ class TestByHand:
         sky = sky_of([hovering((0, 0, 601.5))], [stroll(0, 0, 10.0)], LOG, [-60.0, -56.0], 30.0)
         sky = replace(sky, span_s=100.0)
         out = np.zeros((9, 3), np.int64)
-        arguments = (sky.air(), 0, sky.span_us)
-        assert class_changes_in_air(*arguments, np.array([0]), True, out) == 3
+        air = sky.air()
+        assert air.classes(0, sky.span_us, 0, out) == 3
         assert out[0].tolist() == [START_US, 0, 2] and out[1, 2] == -1
         assert out[2].tolist() == [START_US + 80_000_000, 0, 0]
-        assert class_changes_in_air(*arguments, np.array([2]), False, out) == 2
-        assert class_changes_in_air(*arguments, np.array([1]), False, out) == 3
-        # What is held counts for nothing where a drone begins to serve.
-        assert class_changes_in_air(*arguments, np.array([2]), True, out) == 3
+        assert air.classes(0, sky.span_us, 2, out) == 2
+        assert air.classes(0, sky.span_us, 1, out) == 3
 
     def test_a_mark_changes_the_class_when_it_begins(self):
         town = RADIOS[1]
@@ -124,15 +120,7 @@ class TestByHand:
     def test_memory_that_is_too_short_is_said(self):
         sky = sky_of([hovering((0, 0, 601.5))] * 2, [stroll(0, 0, 10.0)], LOG, [-99.0, -9.0])
         sky = replace(sky, bands=[0, 1], noise_dbm=30.0)
-        air, held = sky.air(), np.zeros(1, np.int64)
-        none = np.zeros((0, 3), np.int64)
-        assert class_changes_in_air(air, 0, sky.span_us, held, True, none) == 1
-        short = air._replace(tracks=air.tracks[:3])
-        pair = np.zeros((5, 2), np.int64)
-        assert class_changes_in_air(short, 0, sky.span_us, held, True, none) == 1
-        assert pair_changes(short, 0, 0, 1, 0.0, sky.span_us, -1, pair) == -4
-        short = short._replace(senders=air.senders * [1, 1, 1, 0, 1, 1])
-        assert class_changes_in_air(short, 0, sky.span_us, held, True, none) == -4
+        assert sky.air().classes(0, sky.span_us, 0, np.zeros((0, 3), np.int64)) == 1
 
 
 class TestPairs:
@@ -190,39 +178,13 @@ def test_spans_that_meet_agree():
         middle_us = int(rng.integers(start_us + 1, end_us))
         air, out, found, state = sky.air(), np.zeros((99, 3), np.int64), [], 0
         for span in ((start_us, middle_us), (middle_us, end_us)):
-            count = class_changes_in_air(air, 0, span, np.array([state]), False, out)
+            count = air.classes(0, span, state, out)
             found += [(t_us, abs(change)) for t_us, _, change in out[:count].tolist()]
             state = found[-1][1] if found else 0
         if found[:1] != whole[:1]:
             found.insert(0, (START_US, 0))
         assert [state for _, state in found] == [state for _, state in whole]
         assert [t for t, _ in found] == pytest.approx([t for t, _ in whole], abs=1)
-
-
-@kernel
-def in_compiled_code(air, span_us, held, out, pairs):
-    counts = 0
-    for transmitter in range(2):
-        counts = 100 * counts + class_changes_in_air(
-            air, transmitter, span_us, held, True, out[transmitter]
-        )
-    return 100 * counts + pair_changes(air, 0, 0, 1, 0.0, span_us, -1, pairs)
-
-
-def test_compiled_code_gets_the_same_rows_as_python():
-    rng = np.random.default_rng(8)
-    sky = replace(random_sky(rng, 3, 2), thresholds=np.arange(-10.0, 20.0), serves=[1] * 3)
-    air, held, blank = sky.air(), np.zeros(2, np.int64), np.zeros((2, 99, 3), np.int64)
-    one, other = (
-        (blank.copy(), np.zeros((9, 2), np.int64)),
-        (blank.copy(), np.zeros((9, 2), np.int64)),
-    )
-    counts = in_compiled_code(air, sky.span_us, held, *one)
-    found = [class_changes_in_air(air, k, sky.span_us, held, True, other[0][k]) for k in range(2)]
-    found.append(pair_changes(air, 0, 0, 1, 0.0, sky.span_us, -1, other[1]))
-    assert counts == 10_000 * found[0] + 100 * found[1] + found[2] and min(found) > 0
-    for mine, theirs in zip(one, other, strict=True):
-        assert (mine == theirs).all()
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,17 @@ import pytest
 from desim_uav.errors import ScenarioError
 from desim_uav.model.radio.bounds import bound_levels, bound_ratio
 from desim_uav.model.radio.functions import log10, slant_range_m
-from desim_uav.model.radio.levels import RATES, compiled_loss
-from desim_uav.model.radio.links import SENDER, Links, look
+from desim_uav.model.radio.levels import RateRow, compiled_loss
+from desim_uav.model.radio.links import look
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, free_space_db
-from desim_uav.model.radio.scene import begin_links, relate, take_first_rows, take_rows
+from desim_uav.model.radio.stretches import relate, take_first_rows, take_rows
 from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import kernel
+from desim_uav.rowcode.rows import address
+from desim_uav.sky.links import _begin_links, scene_at, sky_at
 from tests.model.radio.airs import RADIOS, USER_M, TwoSlopes, kept_loss, random_sky, stroll
+
+RATES = RateRow.words
 
 
 @kernel
@@ -61,22 +65,39 @@ def test_no_level_changes_faster_between_two_places(radio):
             assert np.allclose(rates[:, 2 * column], steepness, rtol=1e-4, atol=1e-6)
 
 
+@kernel
+def begun(scene, sky, used, span_us, place, walk):
+    """Begin all links to a user, and return until when nothing begins, in seconds."""
+    own = sky_at(sky)
+    air = own.air
+    air.used = used
+    for k in range(used):
+        air.links[k].sender = k
+    _begin_links(scene_at(scene), own, span_us)
+    take_first_rows(air, 1, 0)
+    until = take_rows(air, 0.0)[0]
+    relate(air, 0.0, place, walk)
+    return until
+
+
+@kernel
+def bounds_of(sky, since, until):
+    """Return the range in which the first ratio changes in a time, in dB/s."""
+    air = sky_at(sky).air
+    look(air, 1, since)
+    look(air, 0, until)
+    bound_levels(air, 1)
+    return bound_ratio(air, 0)
+
+
 def bounded(sky, rng):
     """A time in which nothing begins, and the range in which the ratio changes in it, in dB/s."""
-    air = sky.air()
-    used = len(sky.legs)
-    air.words[:, SENDER] = range(used)
-    begin_links(air, used, sky.span_us)
-    links = Links(air.table, air.words, air.looks, used, air.thresholds_db, sky.span_us[0])
-    take_first_rows(air, links, 0)
-    until = min(take_rows(air, links, 0.0)[0], sky.span_s)
-    relate(air, links, 0.0, (*sky.walks[0].points[0], USER_M), sky.walks[0].velocities[0])
+    air, place = sky.air(), (*sky.walks[0].points[0].tolist(), USER_M)
+    own, walk = address(air.sky), tuple(sky.walks[0].velocities[0].tolist())
+    until = min(begun(address(air.scene), own, len(sky.legs), sky.span_us, place, walk), sky.span_s)
     since = rng.uniform(0.0, until)
     until = min(until, since + 10 ** rng.uniform(-2.0, 1.5))
-    look(links, 1, since)
-    look(links, 0, until)
-    bound_levels(links, 1)
-    return (since, until), bound_ratio(links, 0)
+    return (since, until), bounds_of(own, since, until)
 
 
 def test_no_ratio_changes_faster_between_two_times():

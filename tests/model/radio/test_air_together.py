@@ -5,32 +5,35 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from desim_uav.model.radio.air import (
-    FOUND,
-    FOUND_AT,
-    FOUND_COLUMNS,
-    FOUND_ROOM,
-    class_changes_in_air,
-    class_changes_of_all,
-)
+from desim_uav.rowcode.rows import address
+from desim_uav.sky.links import foresee_all
 from tests.model.radio.airs import random_sky
 
 ROOM, USERS = 600, 3
 
 
 def together(sky, held, sought, room=ROOM):
-    """(what is returned, the table of what is found, the rows of each transmitter)."""
-    outs = np.full((len(sky.legs), room, 3), -7)
-    found = np.zeros((len(sky.legs), FOUND_COLUMNS), np.int64)
-    for k in np.flatnonzero(sought):
-        found[k, FOUND_AT], found[k, FOUND_ROOM] = outs[k].ctypes.data, room
-    return class_changes_of_all(sky.air(), sky.span_us, held, found), found, outs
+    """(the largest number of changes, that of each transmitter, their rows; -7: not written)."""
+    air, count = sky.air(room), len(sky.legs)
+    air.sky.held[:] = held.ravel()
+    air.sky.changes.array["user"] = -7
+    for leg, wanted in zip(air.sky.legs, sought, strict=True):
+        leg.sought = int(wanted)
+    most = foresee_all(address(air.scene), address(air.sky), *air.walked, *sky.span_us)
+    rows = np.array(air.sky.changes.array.tolist()).reshape(count, room, 3)
+    return most, np.array([leg.changes for leg in air.sky.legs]), rows
+
+
+def by_user(rows):
+    """Rows whose last one is first, user by user in order of time."""
+    rows = rows[::-1]
+    return rows[np.argsort(rows[:, 1], kind="stable")]
 
 
 def alone(sky, held, k):
     """The rows of one transmitter."""
     out = np.zeros((ROOM, 3), np.int64)
-    count = class_changes_in_air(sky.air(), k, sky.span_us, held[k], False, out)
+    count = sky.air().classes(k, sky.span_us, held[k], out)
     assert 0 <= count <= ROOM
     return out[:count]
 
@@ -52,16 +55,16 @@ def survey(count, seed):
     for number in range(count):
         sky, held = drawn(rng, 1 + number % 4)
         sought = np.array(sky.serves) * (rng.random(len(sky.legs)) < 0.8)
-        fault, found, outs = together(sky, held, sought)
-        assert fault == 0
+        most, found, outs = together(sky, held, sought)
+        assert most == found.max()
         for k in np.flatnonzero(sought):
-            own, other = outs[k, : found[k, FOUND]], alone(sky, held, k)
+            own, other = by_user(outs[k, : found[k]]), alone(sky, held, k)
             assert own[:, 1:].tolist() == other[:, 1:].tolist(), (number, k)
             gaps = np.abs(own[:, 0] - other[:, 0])
             assert gaps.max(initial=0) <= 1, (number, k)
             rows, late = rows + len(own), late + gaps.sum()
         # Nothing is written for the others.
-        assert (outs[sought == 0] == -7).all() and (found[sought == 0, FOUND] == 0).all()
+        assert (outs[sought == 0, :, 1] == -7).all() and (found[sought == 0] == 0).all()
     assert rows > 10 * count and late <= 0.01 * rows
 
 
@@ -77,25 +80,17 @@ def test_the_changes_are_those_of_each_signal_alone_in_many_skies():
 def test_memory_that_is_too_short_is_said():
     sky, held = drawn(np.random.default_rng(3), 3)
     sky = replace(sky, serves=[1] * 3)
-    _, whole, outs = together(sky, held, np.ones(3))
-    most = int(whole[:, FOUND].max())
-    assert most > 2
-    fault, found, short = together(sky, held, np.ones(3), 2)
-    assert fault == 0
+    most, whole, outs = together(sky, held, np.ones(3))
+    assert most == whole.max() > 2
+    many, found, _ = together(sky, held, np.ones(3), 2)
+    assert many > 2
     for k in range(3):
-        assert (found[k, FOUND] > 2) == (whole[k, FOUND] > 2)
-        assert found[k, FOUND] >= min(whole[k, FOUND], 3)
-        if whole[k, FOUND] <= 2:
-            rows = slice(whole[k, FOUND])
-            assert short[k, rows].tolist() == outs[k, rows].tolist()
+        assert (found[k] > 2) == (whole[k] > 2)
+        assert found[k] >= min(whole[k], 3)
     room = 2
-    while found[:, FOUND].max() > room:
-        room = int(found[:, FOUND].max())
-        _, found, enough = together(sky, held, np.ones(3), room)
-    assert (found[:, FOUND] == whole[:, FOUND]).all()
+    while many > room:
+        room = int(many)
+        many, found, enough = together(sky, held, np.ones(3), room)
+    assert (found == whole).all()
     for k in range(3):
-        rows = slice(whole[k, FOUND])
-        assert enough[k, rows].tolist() == outs[k, rows].tolist()
-    air = sky.air()
-    few = air._replace(tracks=air.tracks[:3])
-    assert class_changes_of_all(few, sky.span_us, held, whole) < 0
+        assert enough[k, : whole[k]].tolist() == outs[k, : whole[k]].tolist()

@@ -45,13 +45,14 @@ class TestLadders:
 
     @pytest.mark.parametrize("snr_db, number", [(-9, 0), (0, 1), (4.9, 1), (5, 2), (9, 3), (99, 3)])
     def test_class_of_a_level(self, snr_db, number):
-        assert class_of(snr_db, thresholds_db(link_classes(THREE))) == number
+        assert class_of(snr_db, thresholds_db(link_classes(THREE)), 0, 3) == number
 
     @given(st.floats(-60, 60), st.floats(-60, 60), st.sampled_from(sorted(LADDERS)))
     def test_a_higher_level_is_no_lower_class(self, one, other, name):
         low, high = sorted((one, other))
         thresholds = thresholds_db(LADDERS[name])
-        assert class_of(low, thresholds) <= class_of(high, thresholds)
+        count = len(thresholds)
+        assert class_of(low, thresholds, 0, count) <= class_of(high, thresholds, 0, count)
 
 
 class TestOwn:

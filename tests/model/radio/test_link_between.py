@@ -5,13 +5,14 @@ import pytest
 
 from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
 from desim_uav.model.radio.between import (
-    WINDOW_COLUMNS,
     Climb,
+    Window,
     class_changes_between,
     window_rows,
 )
 from desim_uav.model.radio.fits import NONE, _fits
 from desim_uav.model.radio.rings import ring_m
+from desim_uav.rowcode.views import zeros
 from tests.model.radio.airs import (
     RADIOS,
     USER_M,
@@ -62,7 +63,7 @@ def rows_between(sky, fresh=True, room=3000):
         *fits.bounds_m[0],
         fits.terms[0],
         fits.ranges[0],
-        np.zeros((window_rows(slabs, len(leg.profile)), WINDOW_COLUMNS)),
+        zeros(Window, window_rows(slabs, len(leg.profile))),
     )
     drone = DroneLeg(leg.profile, route, sky.span_us, 0.0, fresh)
     out = np.full((room, 3), -7)

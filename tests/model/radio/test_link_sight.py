@@ -4,14 +4,10 @@ import numpy as np
 import pytest
 
 from desim_uav.model.motion.motion import BangCoastBang
-from desim_uav.model.radio.sight import (
-    BLOCKED,
-    CLEAR,
-    buffers_for,
-    cells_as_prisms,
-    prisms,
-    sight_changes,
-)
+from desim_uav.model.radio.buildings import buffers_for, cells_as_prisms, prisms
+from desim_uav.model.radio.sight import BLOCKED, CLEAR, sight_changes
+from desim_uav.model.radio.tracks import Turn
+from desim_uav.rowcode.views import zeros
 from tests.model.radio.looking import Seen, claimed, finer, grid, moving
 from tests.model.radio.making import START_US, Leg, absolute, flying, hovering, rows_of
 from tests.model.sampler import Walk
@@ -106,7 +102,7 @@ def random_polygons(rng):
 
 def sight_of(leg, walk, height_m, buildings, span, held=-1, stretches=500):
     tracks, (drone,), user = absolute([leg], walk, height_m, span)
-    out = np.zeros((200, 2), np.int64)
+    out = zeros(Turn, 200)
     buffers = buffers_for(buildings.offsets, stretches)
     count = sight_changes(tracks, user, drone, buildings, buffers, span, held, out)
     return rows_of(out, count) if count >= 0 else count

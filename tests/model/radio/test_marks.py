@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from desim_uav.model.motion.motion import BangCoastBang
+from desim_uav.model.radio.buildings import cells_as_prisms
+from desim_uav.model.radio.chances import compiled_chance
 from desim_uav.model.radio.functions import elevation_deg, exp
-from desim_uav.model.radio.marks import BUILDINGS, DRAWN, KINDS, MEAN_LOSS, compiled_chance
+from desim_uav.model.radio.marks import BUILDINGS, DRAWN, KINDS, MEAN_LOSS
 from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS, AlHourani, FreeSpace
-from desim_uav.model.radio.sight import cells_as_prisms
 from tests.model.radio.looking import Seen, moving
 from tests.model.radio.making import START_US, Leg, flying, hovering
 from tests.model.radio.marking import Street, random_street, still
@@ -76,7 +77,9 @@ class TestDrawn:
     def test_without_obstacles_all_is_seen(self):
         chance = compiled_chance(FreeSpace())
         street = Street(hovering((500.0, 500.0, 50.0)), [still(9000.0, 0.0)] * 3, 60.0)
-        sight = street.sight()._replace(p_los=chance.p_los, values=chance.values)
+        sight = street.sight()
+        odds = sight.odds._replace(p_los=chance.p_los, values=chance.values)
+        sight = sight._replace(odds=odds)
         assert marks_by(sight, street) == [[(0.0, LOS, 0.0)]] * 3
 
     def test_a_cone_by_hand(self):

@@ -145,7 +145,7 @@ def test_the_class_changes_at_the_ring(model, height_m, name, k):
 
         def found(distance_m):
             snr_db = BUDGET.snr_db(model.mean_db(distance_m, height_m, 2.0))
-            return class_of(snr_db, thresholds_db(ladder))
+            return class_of(snr_db, thresholds_db(ladder), 0, len(ladder))
 
         assert found(radius - MICROMETRE) == k + 1
         assert found(radius + MICROMETRE) == k
