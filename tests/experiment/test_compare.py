@@ -296,8 +296,8 @@ class TestComparison:
         command = ("compare", case, "--policies", "baseline,random", "--seeds", 2, *SHORT, "--json")
         with monkeypatch.context() as patched:
             patched.setattr(BatchSimulation, "__init__", lambda *_: pytest.fail("compiled"))
-            found = cli_run(*command)
-            assert cli_run(*command, "--engine", "des").out == found.out
+            found = cli_run(*command, "--engine", "des")
+        assert cli_run(*command).out == found.out
         monkeypatch.setattr(Simulation, "__init__", lambda *_: pytest.fail("not compiled"))
         assert (found.code, len(found.json["replications"])) == (0, 4)
         assert cli_run(*command, "--engine", "batch", "-j", jobs).out == found.out
