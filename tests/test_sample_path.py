@@ -59,7 +59,9 @@ def test_what_is_packed_is_what_was_drawn(case):
             assert (row.legs_at == walking.offsets).all()
             assert (row.legs == walking.legs.reshape(-1)).all()
         rows, offsets, after_previous = path.requests
-        assert (array_of(packed, Path, "asks", at).view(np.int64) == rows.reshape(-1)).all()
+        asks = array_of(packed, Path, "asks", at).view(np.int64)
+        assert (asks == rows[:, :2].reshape(-1)).all()
+        assert (row.drawn == rows[:, 2:].reshape(-1)).all()
         assert (row.asks_at == offsets).all()
         assert row.after_previous == after_previous
         assert (row.respawns == path.respawn.reshape(-1)).all()

@@ -1,4 +1,4 @@
-"""Compiles the engine in another process, while the SimPy engine plays (see decision 22).
+"""Compiles the engine in another process, while the SimPy engine plays (see decision 23).
 
 At most one process does so at a time per folder of machine code: it holds a lock there, which ends
 with it. It goes on if the process that has started it ends, but not if that is killed; a limit of

@@ -233,7 +233,9 @@ def drawn_amount(stage: StageRow, values: Any, first: int) -> int:
     amount: int = values[first + stage.amount]
     if stage.times >= 0:
         amount = amount * values[first + stage.times]
-    return amount // stage.per
+    if stage.per > 1:  # a division takes as long as the rest
+        amount = amount // stage.per
+    return amount
 
 
 @dataclass(frozen=True, eq=False)

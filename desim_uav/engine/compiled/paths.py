@@ -172,7 +172,7 @@ def _requests(requests: Sequence[Requests]) -> tuple[Section, Section, Section]:
         begins, counts = np.array(requests.begins), requests.offsets[:, -1]
         asks, drawn = (
             Section([part.reshape(-1)], part.shape[1] * begins, part.shape[1] * counts)
-            for part in (requests.rows[:, :DRAWN], requests.rows[:, DRAWN:])
+            for part in (requests.asks, requests.drawn)
         )
         return asks, drawn, _block(requests.offsets)
     requests = _once(requests)

@@ -62,18 +62,22 @@ class Requests(NamedTuple):
 
 
 class ManyRequests(Sequence[Requests]):
-    """The requests of several episodes in one table.
+    """The requests of several episodes in two tables: DUE_US and SERVICE, and what is drawn.
 
     The rows of episode k are ``begins[k]:begins[k + 1]``. ``offsets`` (episodes, users + 1) count
     from the beginning of each episode's rows.
     """
 
     def __init__(
-        self, rows: NDArray[np.int64], offsets: NDArray[np.int64], after_previous: bool
+        self,
+        asks: NDArray[np.int64],
+        drawn: NDArray[np.int64],
+        offsets: NDArray[np.int64],
+        after_previous: bool,
     ) -> None:
         self.offsets, self.after_previous = offsets, after_previous
         ends: list[int] = np.cumsum(offsets[:, -1]).tolist()
-        self.begins, self.rows = [0, *ends[:-1]], rows[: ends[-1]]
+        self.begins, self.asks, self.drawn = [0, *ends[:-1]], asks[: ends[-1]], drawn[: ends[-1]]
 
     def __len__(self) -> int:
         return len(self.offsets)
@@ -81,7 +85,9 @@ class ManyRequests(Sequence[Requests]):
     def __getitem__(self, k: Any) -> Any:
         """Return the requests of episode k of the table."""
         own, begin = self.offsets[k], self.begins[k]
-        return Requests(self.rows[begin : begin + own[-1]], own, self.after_previous)
+        rows = slice(begin, begin + own[-1])
+        both = np.concatenate([self.asks[rows], self.drawn[rows]], axis=1)
+        return Requests(both, own, self.after_previous)
 
 
 @row
@@ -142,7 +148,8 @@ class Asking(Row):
     asker: Asker
     states: Table[int]
     offsets: Table[int]
-    rows: Table[int]
+    asks: Table[int]
+    drawn: Table[int]
 
 
 class RowDemand:
@@ -244,8 +251,8 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
     """
 
     def ask(demand: Any, asking: Asking, asker: Asker, services: Offer) -> None:
-        rows, count, most = asking.rows, asking.count, asking.most
-        width = DRAWN + services.lists
+        asks, drawn, lists = asking.asks, asking.drawn, services.lists
+        count, most = asking.count, asking.most
         due_us = idle = 0
         asker.left_us = asking.horizon_us
         while True:
@@ -259,12 +266,12 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
                 break
             due_us += passed_us
             if asker.service >= 0:
-                first = width * min(count, most)
-                rows[first + DUE_US], rows[first + SERVICE] = due_us, asker.service
-                rows[first + REQUIRED_US] = asker.required_us
-                rows[first + BANDWIDTH_BPS] = asker.bandwidth_bps
-                _draw_others(asker, services, rows, first)
-                least_us = _least_us(asker, services, rows, first + DRAWN)
+                row = min(count, most)
+                asks[DRAWN * row + DUE_US], asks[DRAWN * row + SERVICE] = due_us, asker.service
+                first = lists * row
+                drawn[first], drawn[first + 1] = asker.required_us, asker.bandwidth_bps
+                _draw_others(asker, services, drawn, first)
+                least_us = _least_us(asker, services, drawn, first)
                 if least_us < 0:
                     asking.lost = 1
                     break
@@ -280,13 +287,13 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
 
 
 @rule
-def _draw_others(asker: Asker, services: Offer, rows: Table[int], first: int) -> None:
+def _draw_others(asker: Asker, services: Offer, drawn: Table[int], first: int) -> None:
     """Draw the values of a request beyond the first two, in the order of its lists."""
     for k in range(2, services.lists):
         number, value = services.lists * asker.service + k, 0
         if services.sizes[number] > 0:
             value = _value(asker.stream, services, number)
-        rows[first + DRAWN + k] = value
+        drawn[first + k] = value
 
 
 @rule
@@ -418,16 +425,22 @@ class RowDraws:
         most = episodes * users * 16
         offsets = np.zeros((episodes, users + 1), np.int64)
         while True:
-            rows = np.empty((most + 1, DRAWN + self.services.draws), np.int64)
-            asking = self._draw(states, offsets, rows)
+            asks, drawn = (
+                np.empty((most + 1, columns), np.int64) for columns in (DRAWN, self.services.draws)
+            )
+            asking = self._draw(states, offsets, asks, drawn)
             if asking.lost:
                 raise SimulationError(f"demand: {kind_of(self.demand)!r}: {_what_is_wrong(asking)}")
             if asking.count <= most:
-                return ManyRequests(rows, offsets, self.demand.after_previous)
+                return ManyRequests(asks, drawn, offsets, self.demand.after_previous)
             most = asking.count
 
     def _draw(
-        self, states: NDArray[np.uint64], offsets: NDArray[np.int64], rows: NDArray[np.int64]
+        self,
+        states: NDArray[np.uint64],
+        offsets: NDArray[np.int64],
+        asks: NDArray[np.int64],
+        drawn: NDArray[np.int64],
     ) -> Any:
         """Draw the requests, and return the Asking."""
         model: Any = type(self.demand)
@@ -435,9 +448,10 @@ class RowDraws:
         asking: Any
         if made is None:
             asking = blank(cls)
-            asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows) - 1
+            asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(asks) - 1
             asking.states = Table(states.reshape(-1).tolist())
-            asking.offsets, asking.rows = offsets.reshape(-1), rows.reshape(-1)
+            asking.offsets = offsets.reshape(-1)
+            asking.asks, asking.drawn = asks.reshape(-1), drawn.reshape(-1)
             demand, owner = over_rows(self.demand, self.services.names), owner_of(model)
             if owner:
                 bound(asking, self._offer)
@@ -446,8 +460,9 @@ class RowDraws:
             return asking
         block, states = np.zeros(cls.words, np.int64), np.ascontiguousarray(states)
         asking = View(block, cls)
-        asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows) - 1
-        for name, array in (("states", states), ("offsets", offsets), ("rows", rows)):
+        asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(asks) - 1
+        tables = {"states": states, "offsets": offsets, "asks": asks, "drawn": drawn}
+        for name, array in tables.items():
             attach(block, cls, name, array)
         values, offer = made.values, self._packed_offer
         call_at(made.functions["draw"], (place(values), place(block), place(offer)))
