@@ -12,7 +12,9 @@ from desim_uav.rowcode.compiled_types import (
     Entries,
     Pointer,
     intrinsic,
+    lower_builtin,
     number_at,
+    type_callable,
 )
 from desim_uav.rowcode.numba_parts import address_of as machine_code
 from desim_uav.rowcode.numba_parts import (
@@ -164,12 +166,17 @@ def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
 as_array: Any = intrinsic(_as_array)
 
 
-@overload(shaped)
-def _of_shaped(entries: Any, shape: Any) -> Any:
-    def made(entries: Any, shape: Any) -> Any:
-        return as_array(entries, shape)
+@type_callable(shaped)
+def _type_of_shaped(context: Any) -> Any:
+    def typed(entries: Any, shape: Any) -> Any:
+        return _as_array(context, entries, shape)[0] if isinstance(entries, Entries) else None
 
-    return made
+    return typed
+
+
+@lower_builtin(shaped, Entries, types.BaseTuple)
+def _shaped(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+    return _as_array(context, *sig.args)[1](context, builder, sig, arguments)
 
 
 def entries_at(of: Any, owner: str = "") -> Any:
