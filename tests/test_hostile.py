@@ -587,7 +587,7 @@ WORDS: list[tuple[str, int, str]] = [
     ("run tiny --episodes 0", 2, "--episodes"),
     ("run tiny --episodes 1e3", 2, "--episodes"),
     ("run tiny --seed -1", 2, "--seed"),
-    ("run tiny --engine simpy", 2, "allowed: des, batch"),
+    ("run tiny --engine simpy", 2, "allowed: auto, des, batch"),
     ("run tiny --policy basline", 4, "did you mean 'baseline'?"),
     ("run tiny --policy no.such:Thing", 4, "ModuleNotFoundError"),
     ("run tiny --out /dev/null/x", 2, "cannot write to"),

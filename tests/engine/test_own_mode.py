@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from desim_uav.engine import episode
+from desim_uav.engine import carry, episode
 from desim_uav.engine.des import processes
 from desim_uav.model.rules import AIRBORNE, DECIDES, GROUNDED, IN_QUEUE, TIMED, Mode
 from desim_uav.rules import decide, words
@@ -48,8 +48,9 @@ def cooling(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         else:
             decide.on_arrival(world, path, state, drone)
 
-    monkeypatch.setattr(episode, "MODES", (*Mode, mode))
-    monkeypatch.setattr(episode, "TIMED", TIMED | {number})
+    for module in (carry, episode):
+        monkeypatch.setattr(module, "MODES", (*Mode, mode))
+    monkeypatch.setattr(carry, "TIMED", TIMED | {number})
     monkeypatch.setattr(words, "TIMED", (*words.TIMED, number))
     monkeypatch.setattr(words, "GROUNDED", (*words.GROUNDED, number))
     monkeypatch.setattr(words, "GOING_ON", number + 1)
@@ -102,7 +103,7 @@ def test_another_engine_takes_up_a_mode_of_ones_own(cooling: int):
 def test_a_mode_in_no_set_is_not_commanded(cooling: int, monkeypatch: pytest.MonkeyPatch):
     # Nothing says how it ends, so it lasts; the drone is not charged anew.
     monkeypatch.setattr(words, "TIMED", (words.FLYING,))
-    monkeypatch.setattr(episode, "TIMED", TIMED)
+    monkeypatch.setattr(carry, "TIMED", TIMED)
     flight = Flight(returning(2, starts=[(4, 0)]), carry_over=True)
     flight.episode(path_of(flight.world), "hover charge")
     flight.episode(path_of(flight.world), "charge charge")

@@ -17,7 +17,7 @@ from desim_uav.experiment import tables
 from desim_uav.model.random.streams import Purpose, begin_stream, states_of, uniform
 from desim_uav.model.rules import Outcome
 from desim_uav.world import World
-from tests.engine.helpers import Ask, events, fly, path_of, seen, strip
+from tests.engine.helpers import Ask, Flight, events, fly, path_of, seen, strip
 from tests.engine.test_transfers import FAR, hover
 
 pytestmark = pytest.mark.usefixtures("every_engine")
@@ -206,6 +206,19 @@ def test_progress_is_of_stages_and_the_share_of_the_present_one() -> None:
     found = tables.events_table([log], world)
     assert found.loc[found["kind"] == "stage", "stage"].tolist() == [1]
     assert found["station"].isna().all()
+
+
+def test_measures_count_the_stages_that_are_done() -> None:
+    """At 60 s a third of the second stage is done. Nobody serves the call of another user."""
+    world = world_of([FAR, (0.0, 0.0)], episode={"steps": 2})
+    flight = Flight(world)
+    engine = flight.engine
+    asks = {0: [ask(55.0, *SHARED)], 1: [(119.0, 60.0, 1.0, CALL)]}
+    engine.reset(path_of(world, asks))
+    engine.step([flight.command("hover")])
+    assert engine.measures().qoe1_percent == pytest.approx(100 * 2 / 3)
+    engine.step([flight.command("hover")])
+    assert engine.measures().qoe1_percent == pytest.approx(100 * (1 + 0) / 2)
 
 
 def test_what_a_request_draws() -> None:

@@ -522,7 +522,7 @@ class TestRefused:
             ),
             (("--backend", "slurm"), 2, "'slurm'; allowed: local, ray"),
             (("--address", "auto"), 2, "--address needs --backend ray"),
-            (("--engine", "fast"), 2, "'fast'; allowed: des, batch"),
+            (("--engine", "fast"), 2, "'fast'; allowed: auto, des, batch"),
             (
                 ("-S", "episode.steps=3,4", "--seeds", 10**6),
                 2,
