@@ -29,7 +29,7 @@ def main(seeds: int = 10, episodes: int | None = None) -> None:
             settings = [f"seed={seed}", "drones.count=1", f"learning.algorithm={algorithm}"]
             settings += [] if episodes is None else [f"learning.episodes={episodes}"]
             scenario = load(scenario_path("case4"), settings)
-            best = optimum(scenario)["one_drone"]
+            best = optimum(scenario, seeds=1, episodes=1)["one_drone"]
             with tempfile.TemporaryDirectory() as folder:
                 policy = Path(folder) / "policy.npz"
                 policy.write_bytes(train(scenario)[0].to_bytes())

@@ -61,6 +61,11 @@ RUNS = {
     ),
     "radio": (RADIO, "random", ()),
     "far": (RADIO, "random", ("drones.count=1", "access_points=[]", "drones.radio.power_dbm=0")),
+    "staged": (
+        RADIO,
+        "random",
+        ("services.file={kind: 'tests.staged:Exchange', up_mbit: [1], down_mbit: [2]}",),
+    ),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
     "mixed": (MIXED, "random", ()),
@@ -74,7 +79,7 @@ RUNS = {
         ),
     ),
 }
-GRADED = ("radio", "far")
+GRADED = ("radio", "far", "staged")
 """The runs with links of several rates."""
 STATES = {state: look.word for state, look in USERS.items()}
 

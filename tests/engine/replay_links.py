@@ -246,6 +246,7 @@ class LinkReplay:
     def _check_holds(self, t_us: int, before: list[tuple[int, int]], events: list[Event]) -> None:
         """Nobody who fits waits, and who waits again was admitted after those who go on."""
         stopped = {event[5] for event in events if event[2] == "stop"}
+        passed = {event[5] for event in events if event[2] == "stage"}  # whose stage ended
         for d, band in enumerate(self.bands):
             held, _ = self._at(d)
             free_hz = band.hz - sum(work.hz for _, work in held if work.server == d)
@@ -254,7 +255,7 @@ class LinkReplay:
             admitted = {
                 (before[request][1], work.logged.t_request_us, work.logged.user): request in stopped
                 for request, work in ((user.request, work) for user, work in held)
-                if before[request][0] == d
+                if before[request][0] == d and request not in passed
             }
             suspended = [place for place, stops in admitted.items() if stops]
             kept = [place for place, stops in admitted.items() if not stops]

@@ -41,7 +41,7 @@ def world_of(*overrides: str) -> World:
 
 def everything(engine: Engine) -> str:
     """All that can be asked of an engine whose episode is under way or over."""
-    log = {part.name: getattr(engine.log, part.name) for part in fields(engine.log)}
+    log = {part.name: getattr(engine.log, part.name) for part in fields(engine.log) if part.compare}
     log["requests"] = [
         [getattr(request, name) for name in REQUEST] for request in engine.log.requests
     ]

@@ -76,9 +76,8 @@ def to_the_end(engine: Any, seed: int) -> Iterator[Any]:
 def in_order(engine: Any) -> tuple[Any, str]:
     """The snapshot and all else that can be asked of any engine, with its events in order."""
     log = engine.log
-    engine.log = replace(log, engine="")
     if log.events is not None:
-        engine.log.events = sorted(log.events, key=itemgetter(0, 1, 3, 4))
+        engine.log = replace(log, events=sorted(log.events, key=itemgetter(0, 1, 3, 4)))
     told = everything(engine)
     engine.log = log
     return engine.latest, told

@@ -83,7 +83,13 @@ def turns(env: Any, count: int, seed: int) -> list[Any]:
 def whole_turns(env: Any, count: int, seed: int) -> list[Any]:
     """Turns, and where the drones are after each."""
     rng = np.random.default_rng(seed)
-    return [(turn(env, rng), env.session.engine.positions_m()) for _ in range(count)]
+    return [(of_any(turn(env, rng)), env.session.engine.positions_m()) for _ in range(count)]
+
+
+def of_any(shown: Any) -> Any:
+    """What is shown, without what says which engine played it."""
+    *others, infos = shown
+    return *others, [{k: v for k, v in infos[one].items() if k != "compiled"} for one in infos]
 
 
 @pytest.mark.parametrize(
@@ -107,7 +113,7 @@ def test_the_rest_of_the_run_is_the_same(kind: str, first: str, second: str, tmp
         shown = other.restore(file)
         assert other.save().saved.digest() == before.digest()
         assert other.session.engine.save().numbers.tolist() == before.numbers.tolist()
-        np.testing.assert_equal(shown, env._shown())
+        np.testing.assert_equal(of_any(shown), of_any(env._shown()))
         other.save().write(tmp_path / "again.npz")
         assert (tmp_path / "again.npz").read_bytes() == file.read_bytes()
         twin = env.fork(1)[0]

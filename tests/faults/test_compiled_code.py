@@ -47,7 +47,7 @@ def test_damaged_compiled_code_is_made_anew_with_one_line(tmp_path):
     first = called(tmp_path, *RUN, "one", NUMBA_CACHE_DIR=kept)
     assert (first.returncode, said(first.stderr)) == (0, [])
     files = sorted(kept.rglob("*.nbc"))
-    assert len(files) >= 3
+    assert len(files) >= 2
     for number, file in enumerate(files):
         file.write_bytes(b"" if number % 2 else b"garbage" * 1000)
     second = called(tmp_path, *RUN, "two", NUMBA_CACHE_DIR=kept)

@@ -319,15 +319,15 @@ class TestLinks:
         engine = make_engine("des", build_world(scenario, 0), RunSettings((True,) * 3, False))
         looks, constants, rng = [], engine.constants, np.random.default_rng(0)
 
-        def counted(look, share):
-            def counting(world, path, state, *told):
-                looks.append(share(state))
-                look(world, path, state, *told)
+        def counted(look, drones):
+            def counting(*told):
+                looks.append(drones)
+                return look(*told)
 
             return counting
 
-        constants.foresee = counted(constants.foresee, lambda state: 1)
-        constants.foresee_all = counted(constants.foresee_all, lambda state: 3)
+        constants.foresee_in_air = counted(constants.foresee_in_air, 1)
+        constants.foresee_all = counted(constants.foresee_all, 3)
         shown = engine.reset(draw(engine.world, 0, 0))
         while not shown.truncated:
             shown = engine.step([int(rng.choice(np.flatnonzero(mask))) for mask in shown.masks])

@@ -12,7 +12,7 @@ from desim_uav.model.radio.links import LOOKS, Link, Look
 from desim_uav.model.radio.marks import Mark
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, LogDistance, RowPathLoss
 from desim_uav.model.radio.tracks import TrackRow
-from desim_uav.rowcode.rows import Table, address, blank
+from desim_uav.rowcode.rows import Table, address, blank, place
 from desim_uav.rowcode.views import in_memory, records, zeros
 from desim_uav.sky import links
 from desim_uav.sky import rows as sky_rows
@@ -161,13 +161,13 @@ class Air:
     @property
     def walked(self):
         """Where the walks are."""
-        return address(self.walks), self.walks.size, address(self.begins)
+        return place(self.walks), self.walks.size, place(self.begins)
 
     def classes(self, sender, span_us, held, out):
         """Write the changes of a drone's links, user by user, and return their number."""
         self.sky.held[sender * self.users : (sender + 1) * self.users] = held
         rows = zeros(Change, len(out))
-        own = address(self.scene), address(self.sky), address(rows), len(rows)
+        own = address(self.scene), address(self.sky), place(rows), len(rows)
         count = links.foresee_in_air(*own, *self.walked, sender, *span_us)
         found = rows[: min(count, len(rows))][::-1]
         order = np.argsort(found["user"], kind="stable")
