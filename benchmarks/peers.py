@@ -119,7 +119,7 @@ def _elapsed_s(steps: Steps, count: int) -> float:
 def ours(case: str) -> tuple[Steps, list[str]]:
     from desim_uav.env import UavParallelEnv
 
-    env = UavParallelEnv(case)
+    env = UavParallelEnv(case, engine="des")
     rng = random.Random(0)
     drawn = cycle([rng.random() for _ in range(10_000)])
     allowed: dict[bytes, list[int]] = {}

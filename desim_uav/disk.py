@@ -8,16 +8,10 @@ import tempfile
 import uuid
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
-from desim_uav.errors import (
-    DesimError,
-    UsageError,
-)
+from desim_uav.errors import DesimError, UsageError
 from desim_uav.rowcode.regular_file import new_file
-
-if TYPE_CHECKING:
-    pass
 
 
 def write_whole(path: Path, content: bytes) -> None:

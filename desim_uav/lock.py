@@ -7,17 +7,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
-from desim_uav.errors import (
-    UsageError,
-    in_short,
-)
+from desim_uav.errors import UsageError, in_short
 from desim_uav.rowcode.regular_file import lock_file
-
-if TYPE_CHECKING:
-    pass
-
 
 HOLDER = "process"
 """The first word in each of our lock files, by which they are told from other files."""

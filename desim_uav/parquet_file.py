@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from desim_uav.checksums import verify
-from desim_uav.errors import (
-    PolicyError,
-    did_you_mean,
-)
+from desim_uav.errors import PolicyError, did_you_mean
 from desim_uav.records import TABLES, Columns, arrow_schema, misfit
 
 if TYPE_CHECKING:

@@ -95,7 +95,7 @@ class World(Unchanging):
 
     @cached_property
     def commands(self) -> Commands:
-        """What the drones can be commanded."""
+        """The commands that the drones can be given."""
         return commands_for(self.scenario, self.types)
 
     @cached_property

@@ -31,7 +31,7 @@ Arrays = tuple[NDArray[np.int64], NDArray[np.float64] | None]
 
 
 class Commands(Protocol):
-    """What the drones of a world can be commanded."""
+    """The commands that the drones of a world can be given."""
 
     @property
     def actions(self) -> tuple[Choice, ...]:

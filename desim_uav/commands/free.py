@@ -59,7 +59,7 @@ class FreeCommands(Alike):
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
-        """The same, one drone after the other."""
+        """The numbers of all drones, one drone after the other."""
         return (math.prod(self.shape_of_each),)
 
     # ---- of one drone

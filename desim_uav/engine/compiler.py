@@ -14,6 +14,9 @@ from typing import Any
 NICE = 10
 """What is added to the niceness: a tenth of a processor remains if others want all of it."""
 
+STEPS = 10_000
+"""The most steps of an episode that is played, so that what is compiled at its first use is met."""
+
 MOST_CPU_S, MOST_S = 900, 3600
 """The seconds of processor time, and of any time, after which the process is ended."""
 
@@ -31,6 +34,8 @@ def main(line: int) -> None:
 
 def compile_for(scenario: Any, world_seed: int) -> None:
     """Compile all that the compiled engine needs for a world, in runs and environments."""
+    import numpy as np
+
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.compiled import BatchSimulation, calls
     from desim_uav.sample_path import draw
@@ -40,9 +45,13 @@ def compile_for(scenario: Any, world_seed: int) -> None:
     settings = RunSettings((True,) * scenario.drone_count, scenario.episode.carry_over)
     engine = BatchSimulation(world, settings)
     calls.load(calls.OF_STEPS | calls.OTHERS)
-    snapshot = engine.reset(draw(world, 0, 0))
-    if not snapshot.terminated:
-        engine.step([mask.index(True) for mask in map(list, snapshot.masks)])
+    stream, snapshot = np.random.default_rng(0), engine.reset(draw(world, 0, 0))
+    for _ in range(STEPS):
+        if snapshot.terminated or snapshot.truncated:
+            break
+        masks, of = enumerate(snapshot.masks), world.commands.of
+        commands: Any = [of(drone).drawn(drone, stream, mask) for drone, mask in masks]
+        snapshot = engine.step(commands)
     engine.restore(engine.save())
 
 

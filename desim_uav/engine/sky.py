@@ -18,14 +18,7 @@ from desim_uav.model.radio.fits import NONE, Fits, fits_of
 from desim_uav.model.radio.links import LOOKS, Link, Look
 from desim_uav.model.radio.marks import KINDS, Mark, memory_for
 from desim_uav.model.radio.tracks import TrackRow
-from desim_uav.rowcode.rows import (
-    Table,
-    blank,
-    has_tables,
-    held_by,
-    is_row,
-    origin_of,
-)
+from desim_uav.rowcode.rows import Table, blank, has_tables, held_by, is_row, origin_of
 from desim_uav.rowcode.views import in_memory, zeros
 from desim_uav.sky.links import MOST_PASSED
 from desim_uav.sky.rows import Change, Leg, Piece, Propagation, Scene, Sky, Turn

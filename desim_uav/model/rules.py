@@ -10,6 +10,9 @@ from functools import cache
 US, MINUTE_US = 1_000_000, 60_000_000
 """Microseconds in a second and in a minute: an engine counts time in whole microseconds."""
 
+NEVER = 2**62
+"""A time after all others, in microseconds, for what does not happen."""
+
 
 class Action(IntEnum):
     """The actions of a drone at a decision epoch, in the order of the paper."""

@@ -17,11 +17,7 @@ from desim_uav.rowcode.compiled_types import (
     type_callable,
 )
 from desim_uav.rowcode.numba_parts import address_of as machine_code
-from desim_uav.rowcode.numba_parts import (
-    cgutils,
-    populate_array,
-    types,
-)
+from desim_uav.rowcode.numba_parts import cgutils, populate_array, types
 from desim_uav.rowcode.options import overload
 from desim_uav.rowcode.rows import Row, address, is_row, shaped
 

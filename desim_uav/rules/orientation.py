@@ -1,4 +1,4 @@
-"""Where drones believe themselves to be."""
+"""The cell and the level at which a drone believes itself to be."""
 
 from __future__ import annotations
 

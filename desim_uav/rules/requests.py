@@ -110,8 +110,7 @@ def measures(world: Constants, state: State) -> tuple[float, float, float]:
     """
     now_us, qoe1, users, open_now, attached = state.now_us, state.closed_qoe1, state.users, 0, 0
     for u in range(len(users)):
-        user = users[u]
-        qoe1 += user.share if user.request.server < 0 else done_share(state, user)
+        qoe1 += done_share(state, users[u])
     for k in range(world.services):
         open_now += state.open_requests[k]
     for d in range(len(state.senders)):

@@ -99,8 +99,8 @@ OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST, UNFINISHED = 1, 2, 4, 8, 16
 number; an admission rule served requests beyond a drone's bandwidth; a user's leg is invalid; a
 step of the compiled engine is under way, or an error of a component of one's own has ended it."""
 
-NEVER = 2**62
-"""A time after all others, in microseconds, for events that are not scheduled."""
+NEVER = rules.NEVER
+"""The time of events that are not scheduled."""
 
 OWN = -1
 """Stands for the number of a transit that is a drone's own (``Course.flight``), in free flight."""

@@ -13,22 +13,18 @@ from desim_uav.model.geometry.coverage import (
     sort_into_buckets,
 )
 from desim_uav.model.geometry.crossings import crossings, crossings_near
-from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.radio.between import Climb, class_changes_between
 from desim_uav.model.radio.fits import TERM_COLUMNS
 from desim_uav.model.radio.links import changes_at
 from desim_uav.model.radio.nested import class_changes
-from desim_uav.rowcode.compiled_rows import as_array, entries_at, pointer_to
+from desim_uav.rowcode.compiled_rows import as_array
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule
 from desim_uav.sky.flights import pieces_of
+from desim_uav.sky.memory import ints_at, scene_at, sky_at, walks_at
 from desim_uav.sky.order import sort_last_first, spread_last_first
 from desim_uav.sky.rows import Change, Leg, Propagation, Scene, Sky
 
 PIECE_COLUMNS, CHANGE_COLUMNS = 4, Change.words
-
-scene_at: Any = pointer_to(Scene)
-sky_at: Any = pointer_to(Sky)
-floats_at, ints_at = entries_at(float), entries_at(int)
 
 
 @kernel
@@ -47,11 +43,10 @@ def foresee_discs(
     """Write all changes on a leg to ``out``, if each footprint is one circle for all users.
 
     ``out`` is the address of memory for a number of changes, ``room``.
-    The users' legs (``model.geometry.coverage``) are so many ``numbers`` at the address ``walks``,
-    and their offsets are at ``begins``. The sender's leg begins at ``start_us`` and lasts until
-    ``until_us``. The last change is the first: by
-    time, at the same time rises after falls, then by user. Returns the number of changes, of which
-    only so many are written as there is memory for.
+    For the users' walks, from ``walks`` to ``begins``, see ``memory.walks_at``. The sender's leg
+    begins at ``start_us`` and lasts until ``until_us``. The changes are written with the latest
+    first; of those at one time, rises come before falls, and higher users before lower ones.
+    Returns the number of changes, of which only so many are written as there is memory for.
     """
     at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
     users = _users_of(at, own, walks, numbers, begins)
@@ -174,12 +169,9 @@ def _is_disc(rings: Propagation, leg: Leg) -> bool:
 @rule
 def _users_of(scene: Scene, sky: Sky, walks: int, numbers: int, begins: int) -> Any:
     """Return the users' walks, and what is known of them in the present span."""
-    count, rows = len(scene.groups), numbers // LEG_COLUMNS
-    return Users(
-        as_array(floats_at(walks, numbers), (rows, LEG_COLUMNS)),
-        ints_at(begins, count + 1),
-        as_array(sky.seen, (SEEN_ROWS, count)),
-    )
+    count = len(scene.groups)
+    legs, legs_at = walks_at(walks, numbers, begins, count)
+    return Users(legs, legs_at, as_array(sky.seen, (SEEN_ROWS, count)))
 
 
 @rule

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.radio.air import find_better, find_classes
 from desim_uav.model.radio.buildings import Buffers, Buildings
 from desim_uav.model.radio.chances import Odds
@@ -15,25 +14,21 @@ from desim_uav.model.radio.marks import DRAWN, Marks, Memory, Sight, marks_of
 from desim_uav.model.radio.slopes import DB
 from desim_uav.model.radio.tracks import Walkers, fly
 from desim_uav.model.radio.visits import Cells
-from desim_uav.rowcode.compiled_rows import array_at, as_array, entries_at, pointer_to
+from desim_uav.model.rules import NEVER
+from desim_uav.rowcode.compiled_rows import array_at
 from desim_uav.rowcode.kernels import kernel, rule
 from desim_uav.rowcode.rows import address
 from desim_uav.sky.flights import flight_of
+from desim_uav.sky.memory import scene_at, sky_at, walks_at
 from desim_uav.sky.order import sort_last_first
 from desim_uav.sky.rows import Leg, Scene, Sky
 
 MOST_PASSED = 64
 """The most changes of a pair of levels that are kept; only the first of them counts."""
 
-NEVER = 2**62
-"""A time after all others, in microseconds."""
-
 NO_ROWS: Any = np.int64(0)
 """A number of rows; for a literal one, Numba would compile functions anew."""
 
-scene_at: Any = pointer_to(Scene)
-sky_at: Any = pointer_to(Sky)
-floats_at, ints_at = entries_at(float), entries_at(int)
 key_at = array_at(np.uint64)
 
 
@@ -239,8 +234,8 @@ def mark(
 @rule
 def _walkers_of(scene: Scene, walks: int, numbers: int, begins: int) -> Walkers:
     """Return the walks and the heights of the users."""
-    legs = as_array(floats_at(walks, numbers), (numbers // LEG_COLUMNS, LEG_COLUMNS))
-    return Walkers(legs, ints_at(begins, len(scene.groups) + 1), scene.heights_m)
+    legs, legs_at = walks_at(walks, numbers, begins, len(scene.groups))
+    return Walkers(legs, legs_at, scene.heights_m)
 
 
 @rule

@@ -6,13 +6,10 @@ from typing import Any
 
 from desim_uav.model.geometry.separation import approach, conflicts
 from desim_uav.model.radio.tracks import fly
-from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.kernels import kernel, rule
 from desim_uav.sky.flights import flight_of
+from desim_uav.sky.memory import scene_at, sky_at
 from desim_uav.sky.rows import Scene, Sky
-
-scene_at: Any = pointer_to(Scene)
-sky_at: Any = pointer_to(Sky)
 
 
 @kernel

@@ -28,11 +28,13 @@ from desim_uav.engine.des import Simulation
 from desim_uav.env import UavEnv, UavParallelEnv
 from desim_uav.env.compiled import CompiledSession
 from desim_uav.experiment import doctor
+from desim_uav.rowcode import compiled_apart
 from desim_uav.rowcode.kernels import CodeFile, NotOnDiskError, kernel, only_from_disk
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
+from tests.engine.helpers import some_command
 from tests.env.test_vector import assert_same
 
 CONFIG = {"episode.steps": 6}
@@ -354,6 +356,24 @@ def test_the_compiler_makes_all_that_is_needed():
             env.step([0, 0, 0] if make is UavEnv else dict.fromkeys(env.agents, 0))
             env.restore(env.save())
             env.session.state()
+
+
+@pytest.mark.thorough
+def test_the_compiler_meets_what_is_compiled_at_its_first_use(monkeypatch: pytest.MonkeyPatch):
+    """Free flight, classes of links and separation, up to the end of the episode."""
+    cells = list(compiled_apart._CELLS.values())
+    for cell in cells:
+        monkeypatch.setattr(cell.value, "value", 0)
+    scenario = load(scenario_path("delivery_watch"), ["separation_m=120"])
+    compiler.compile_for(scenario, 0)
+    filled = {cell.name for cell in cells if cell.value.value}
+    assert "desim_uav.rules.separation.end_pairs" in filled
+    world, rng = build_world(scenario, 0), np.random.default_rng(5)
+    engine = make_engine("batch", world, RunSettings((True,) * scenario.drone_count, False))
+    shown = engine.reset(draw(world, 0, 1))
+    while not (shown.terminated or shown.truncated):
+        shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
+    assert {cell.name for cell in cells if cell.value.value} == filled
 
 
 def test_a_kernel_that_is_not_on_disk_is_not_compiled(monkeypatch: pytest.MonkeyPatch):

@@ -12,6 +12,7 @@ from desim_uav.model.radio.links import LOOKS, Link, Look
 from desim_uav.model.radio.marks import Mark
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, LogDistance, RowPathLoss
 from desim_uav.model.radio.tracks import TrackRow
+from desim_uav.model.rules import NEVER
 from desim_uav.rowcode.rows import Table, address, blank, place
 from desim_uav.rowcode.views import in_memory, records, zeros
 from desim_uav.sky import links
@@ -179,7 +180,7 @@ class Air:
         own = address(self.scene), address(self.sky), *self.walked
         first_us = links.better_us(*own, user, one, other, *span_us, held, threshold_db)
         rows = self.sky.passed.array[: self.sky.air.links[0].rows].tolist()
-        assert first_us == (rows[0][0] if rows else links.NEVER)
+        assert first_us == (rows[0][0] if rows else NEVER)
         return [(t_us, abs(change)) for t_us, _, change in rows]
 
 
