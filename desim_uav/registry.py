@@ -35,7 +35,7 @@ FAULTS = (Exception, SystemExit)
 T = TypeVar("T", bound=type)
 
 
-class Mark:
+class FieldMark:
     """Marks a field of a component, in its annotation, with what a scenario may say there.
 
     ``as_field`` returns what validates the field; ``scenario.components`` sets it.
@@ -45,15 +45,15 @@ class Mark:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """Return the validation of the field."""
-        return Mark.as_field(self).__get_pydantic_core_schema__(source, handler)
+        return FieldMark.as_field(self).__get_pydantic_core_schema__(source, handler)
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
         """Return the JSON Schema of the field."""
-        return Mark.as_field(self).__get_pydantic_json_schema__(schema, handler)
+        return FieldMark.as_field(self).__get_pydantic_json_schema__(schema, handler)
 
 
 @dataclass(frozen=True)
-class Part(Mark):
+class ComponentField(FieldMark):
     """Marks a field that is a component itself: its slot, default kind and interface.
 
     ``by_name``: the name of a kind alone stands for a component without parameters.
@@ -66,7 +66,7 @@ class Part(Mark):
 
 
 @dataclass(frozen=True)
-class NameOr(Mark):
+class NameOr(FieldMark):
     """Marks a field that is one of some names, if any, or else of the type ``form``.
 
     The form is a named tuple, which a mapping stands for, or an annotated tuple of such ones.
@@ -81,7 +81,7 @@ class NameOr(Mark):
 
 
 @dataclass(frozen=True)
-class Checked(Mark):
+class Checked(FieldMark):
     """Marks a field whose value must pass a check, which raises ValueError with the reason."""
 
     check: Callable[[Any], None]

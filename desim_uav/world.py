@@ -259,7 +259,7 @@ class World(Unchanging):
                 scenario.episode.steps,
                 self.step_us / US,
                 scenario.three_d,
-                each.capacity_us / each.per_second if each.limited else None,
+                each.capacity / each.drain_per_s if each.limited else None,
                 links.bandwidth_hz / 1000,
                 bool(links.radio.graded),
                 scenario.limited_battery,

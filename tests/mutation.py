@@ -335,15 +335,15 @@ MUTATIONS = (
     Mutation(
         "a return is allowed at any charge of the battery",
         "rules/decide.py",
-        "may_return = limited and battery_us <= return_below_of(world, drone)",
+        "may_return = limited and charge <= return_below_of(world, drone)",
         "may_return = limited",
         ("engine/test_masks.py",),
     ),
     Mutation(
         "a drone with a full battery is allowed to charge",
         "rules/decide.py",
-        "is_full = battery_us >= full_of(world, drone)",
-        "is_full = battery_us > full_of(world, drone)",
+        "is_full = charge >= full_of(world, drone)",
+        "is_full = charge > full_of(world, drone)",
         ("engine/test_masks.py",),
     ),
     Mutation(
@@ -379,8 +379,8 @@ MUTATIONS = (
     Mutation(
         "a battery at exactly c1 counts as above it",
         "rules/rewards.py",
-        "if battery_us > round(c1_us):",
-        "if battery_us >= round(c1_us):",
+        "if charge > round(c1_us):",
+        "if charge >= round(c1_us):",
         ("model/test_rewards.py",),
     ),
     Mutation(

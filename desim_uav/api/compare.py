@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from desim_uav.api.parameters import (
     MOST_SEEDS,
-    Engine,
+    EngineName,
     Episodes,
     FirstSeed,
     Jobs,
@@ -38,7 +38,7 @@ def compare(
     jobs: Jobs = 1,
     against: str | None = None,
     out: str | Path | None = None,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     progress: bool = True,
 ) -> Comparison:
     """Compare policies on common seeds: means, 95 % intervals and paired differences.

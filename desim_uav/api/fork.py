@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.api.parameters import MOST_EPISODES, Engine, Episodes, Seed, Warmup, verb
+from desim_uav.api.parameters import MOST_EPISODES, EngineName, Episodes, Seed, Warmup, verb
 from desim_uav.errors import UsageError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def counterfactual(
     episodes: Episodes = 1,
     warmup: Warmup = 0,
     out: str | Path | bool | None = None,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     progress: bool = True,
 ) -> Counterfactual:
     """Run a policy, and let another one go on from one of its decision epochs: what if?

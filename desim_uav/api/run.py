@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from desim_uav.api.parameters import (
     MOST_SEEDS,
-    Engine,
+    EngineName,
     Episodes,
     FirstSeed,
     Seed,
@@ -38,7 +38,7 @@ def run(
     warmup: Warmup = 0,
     events: bool = False,
     out: str | Path | bool | None = None,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     resume: bool = False,
     progress: bool = True,
 ) -> RunResult:

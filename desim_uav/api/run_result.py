@@ -21,7 +21,7 @@ from desim_uav.experiment.replay.page import make_replay
 from desim_uav.experiment.statistics import estimate
 from desim_uav.report import notebook
 from desim_uav.report.text import MEASURES
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.schema import Scenario
 from desim_uav.typed import typed
 
@@ -207,7 +207,7 @@ class RunResult:
         places = [self._place(run, folder) for run in self._runs]
         return [run.save(place) for run, place in zip(self._runs, places, strict=True)]
 
-    def _place(self, run: Kept, folder: str | Path | None) -> Place:
+    def _place(self, run: Kept, folder: str | Path | None) -> RunPlace:
         if folder is None:
             return default_place(run, None)
         out = Path(folder)

@@ -11,7 +11,7 @@ from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import command
 from desim_uav.experiment import resume as resuming
 from desim_uav.policies.base import PolicyLike
-from desim_uav.run_folder import Place, Replaced
+from desim_uav.run_folder import Replaced, RunPlace
 from desim_uav.scenario.schema import Scenario
 
 
@@ -29,7 +29,7 @@ def apart(first: command.Prepared, scenarios: Sequence[Scenario]) -> str:
 def run_one(
     prepared: command.Prepared,
     how: command.How,
-    place: Place | Path | None,
+    place: RunPlace | Path | None,
     advance: Callable[[], None],
 ) -> Kept:
     """Run on one seed, in memory or into a folder; or continue the run in a folder, a Path."""
@@ -52,7 +52,7 @@ def place_of(
     out: str | Path | bool | None,
     several: bool,
     resume: bool,
-) -> Place | Path | None:
+) -> RunPlace | Path | None:
     """Return where the run of a scenario's seed stands, if in a folder; a Path if it is continued.
 
     Raises UsageError if no folder can be made there, or if there is no run to be continued.

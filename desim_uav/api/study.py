@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from desim_uav.api.parameters import (
-    Engine,
+    EngineName,
     Episodes,
     FirstSeed,
     Jobs,
@@ -60,7 +60,7 @@ def sweep(
     resume: bool = False,
     backend: Annotated[str, OneOf(_backends)] = "local",
     address: str | None = None,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     progress: bool = True,
 ) -> Done:
     """Run or train policies for every combination of values of some keys, on common seeds.
@@ -156,7 +156,7 @@ def reproduce(
     preset: Annotated[str, OneOf(lambda: PRESETS)] = "default",
     jobs: Jobs = 1,
     out: str | Path = "runs/reproduce",
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     progress: bool = True,
 ) -> Report:
     """Train and evaluate in the paper's nine cases, and compare with the numbers in the paper.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.api.parameters import Engine, Seed, TrainingEpisodes, verb
+from desim_uav.api.parameters import EngineName, Seed, TrainingEpisodes, verb
 from desim_uav.errors import Interrupted, UsageError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def train(
     out: str | Path | bool | None = None,
     resume: bool = False,
     checkpoint_every: TrainingEpisodes = 500,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     callback: Callback | Sequence[Callback] = (),
     callback_every: TrainingEpisodes = 100,
     progress: bool = True,

@@ -9,14 +9,14 @@ import typer
 from desim_uav.api.bench import bench_board, bench_list, bench_run, bench_verify
 from desim_uav.cli.ending import complain, end, ended, print_json
 from desim_uav.cli.made import made
-from desim_uav.cli.plain import Command, Group
+from desim_uav.cli.plain import PlainCommand, PlainGroup
 from desim_uav.cli.terminal import AS_JSON, NO_PLUGINS, NO_PROGRESS
 from desim_uav.notices import tell
 
 app = typer.Typer(
     help="Compare policies on frozen tasks: list them, make and verify submissions, rank them.",
     no_args_is_help=True,
-    cls=Group,
+    cls=PlainGroup,
     pretty_exceptions_enable=False,
 )
 
@@ -83,6 +83,6 @@ def board(asked: dict[str, Any], as_json: bool) -> None:
             tell(file)
 
 
-app.command("list", cls=Command)(list_tasks)
+app.command("list", cls=PlainCommand)(list_tasks)
 for command in (run, verify, board):
-    app.command(cls=Command)(command)
+    app.command(cls=PlainCommand)(command)

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 import typer
 
-from desim_uav.cli.looks import Look, flags_of, look_of
+from desim_uav.cli.looks import OptionLook, flags_of, look_of
 from desim_uav.cli.terminal import NO_PLUGINS, QUIETS
 from desim_uav.typed import OneOf, Within, marks_of
 
@@ -114,7 +114,7 @@ def hint_of(verb: Verb, parameter: inspect.Parameter) -> Any:
     return eval(parameter.annotation, known, _InTerminals(vars(builtins) | known))
 
 
-def kind_of(hint: Any, look: Look) -> Any:
+def kind_of(hint: Any, look: OptionLook) -> Any:
     """Return the type that typer is told of."""
     members = _alternatives(hint)
     if members == [bool]:

@@ -5,10 +5,10 @@ Everything that depends on which of the two it is stands here. Others ask ``Worl
 
 from __future__ import annotations
 
+from desim_uav.commands.aims import FreeCommands
 from desim_uav.commands.base import Commands
 from desim_uav.commands.cells import CellCommands
 from desim_uav.commands.each import EachCommands
-from desim_uav.commands.free import FreeCommands
 from desim_uav.drone_type import DroneType
 from desim_uav.model.motion.motion import cruise_of
 from desim_uav.model.rules import Action, actions, free_actions

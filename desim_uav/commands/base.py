@@ -19,8 +19,8 @@ from desim_uav.rules.decide import can_take
 from desim_uav.scenario.schema import Scenario
 
 if TYPE_CHECKING:
+    from desim_uav.commands.aims import FreeCommands
     from desim_uav.commands.cells import CellCommands
-    from desim_uav.commands.free import FreeCommands
 
 Kept = NDArray[np.float64] | None
 """The numbers of commands of free flight in a saved state (steps, drones, numbers)."""
@@ -76,7 +76,7 @@ class Commands(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Alike(Unchanging):
+class AlikeCommands(Unchanging):
     """Commands of drones that all move alike; there may be others in the same world."""
 
     scenario: Scenario

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.commands.base import Alike, Arrays, Kept
+from desim_uav.commands.base import AlikeCommands, Arrays, Kept
 from desim_uav.commands.given import (
     Command,
     CommandError,
@@ -20,7 +20,7 @@ from desim_uav.commands.given import (
 )
 
 
-class CellCommands(Alike):
+class CellCommands(AlikeCommands):
     """Commands of drones that fly from cell to cell: indices of actions.
 
     ``shape`` is that of the action of one environment for all of its drones, and ``shape_of_each``

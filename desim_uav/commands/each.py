@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.commands.aims import FreeCommands
 from desim_uav.commands.base import Arrays, Kept
 from desim_uav.commands.cells import CellCommands
-from desim_uav.commands.free import FreeCommands
 from desim_uav.commands.given import Command
 from desim_uav.copies import Unchanging
 from desim_uav.model.rules import Action, Choice

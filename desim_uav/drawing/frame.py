@@ -49,7 +49,7 @@ LOW = 0.2
 """The share of a battery at and below which it is shown in red."""
 
 
-class Scene(Protocol):
+class FrameScene(Protocol):
     """What a frame shows besides observations; engines and replays of logged episodes have it."""
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -81,11 +81,11 @@ class Painter:
         self.map = self._drawn_map(size)
         self.background = self._drawn_background()
 
-    def frame(self, scene: Scene, shown: Snapshot, title: str) -> NDArray[np.uint8]:
+    def frame(self, scene: FrameScene, shown: Snapshot, title: str) -> NDArray[np.uint8]:
         """Return the frame, uint8 (600, 800, 3). ``title`` appears below the scenario's name."""
         return np.array(self.picture(scene, shown, title))
 
-    def picture(self, scene: Scene, shown: Snapshot, title: str) -> Image.Image:
+    def picture(self, scene: FrameScene, shown: Snapshot, title: str) -> Image.Image:
         """Return the frame as an image of Pillow's."""
         drones_m, users_m = scene.positions_m()
         states = scene.user_states()
@@ -206,7 +206,7 @@ class Painter:
         done = LEFT + (RIGHT - LEFT) * shown.t_us / self.world.horizon_us
         draw.rectangle((LEFT, 101, done, 104), fill=INK)
 
-    def _write_measures(self, draw: ImageDraw.ImageDraw, scene: Scene) -> None:
+    def _write_measures(self, draw: ImageDraw.ImageDraw, scene: FrameScene) -> None:
         """Write the quality of experience so far."""
         qoe1, qoe2, qoe3 = scene.measures()
         rows = ((qoe1, "{:.1f} %"), (qoe2, "{:.2f} steps"), (qoe3, "{:.1f} %"))

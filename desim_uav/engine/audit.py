@@ -54,7 +54,7 @@ def _battery(world: Constants, state: State, drone: Drone) -> None:
     if is_limited(world, drone):
         held_us = battery_now(world, state, drone)
         assert 0 <= held_us <= capacity_of(world, drone), f"battery of {drone.index}"
-        counted = drone.battery_us - held_us - drone.counted
+        counted = drone.charge - held_us - drone.counted
         balance = drone.began - drone.used + drone.gained - counted
         assert held_us == balance, f"battery of {drone.index}: what it used and gained"
         if drone.mode == CRASHED:
@@ -68,7 +68,7 @@ def _energy(simulation: Simulation) -> None:
     """
     drones = simulation.drones
     in_joules = [one for one in drones if simulation.world.type_of(one.index).in_joules]
-    lost = sum(one.began - one.battery_us + one.counted for one in in_joules)
+    lost = sum(one.began - one.charge + one.counted for one in in_joules)
     used, gained = simulation.energy_uj()
     assert used - gained == lost, "energy of all drones together"
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.world import World
 
-Place = tuple[float, float, float]
+Position = tuple[float, float, float]
 
 TOUCH_M = 1e-4
 """How far from a wall, a roof or the border of a cell nothing is known for certain. A link whose
@@ -77,7 +77,7 @@ def possible_levels_dbm(
     radio: LinkClasses,
     transmitter: int,
     user: int,
-    ends: tuple[Place, Place],
+    ends: tuple[Position, Position],
 ) -> list[float]:
     """Return the levels that a link may have: one, or several where that is not certain.
 
@@ -114,7 +114,7 @@ def _inside(at: float, index: int, side_m: float, count: int) -> bool:
 
 
 def _clear(
-    world: World, radio: LinkClasses, uniform: float, ends: tuple[Place, Place]
+    world: World, radio: LinkClasses, uniform: float, ends: tuple[Position, Position]
 ) -> list[bool]:
     """Return whether a user sees a transmitter: one answer, or both where it is not certain."""
     if radio.line_of_sight == "buildings":
@@ -130,7 +130,9 @@ def _clear(
     return list(dict.fromkeys(seen))
 
 
-def _cut_m(world: World, cell: tuple[int, ...], roof_m: float, ends: tuple[Place, Place]) -> float:
+def _cut_m(
+    world: World, cell: tuple[int, ...], roof_m: float, ends: tuple[Position, Position]
+) -> float:
     """Return by how much a line could be moved until a building no longer cuts it, about, in m.
 
     It is below 0 if the line passes the building, and then it is minus the distance.

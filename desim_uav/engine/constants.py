@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.engine.free import space_row
+from desim_uav.engine.courses import space_row
 from desim_uav.links import Links
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
@@ -17,13 +17,13 @@ from desim_uav.model.services import StageRow
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules.rows import (
-    Cell,
+    CellRow,
     Constants,
     Move,
-    Piece,
+    PieceRow,
     Place,
-    Point,
-    Radio,
+    PointRow,
+    RadioRow,
     SpaceRow,
     TransitRow,
     TypeRow,
@@ -61,8 +61,8 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     for index, cell in enumerate(world.stations):
         station_at[cell] = index
     constants.station_at = Table(station_at.reshape(-1).tolist())
-    constants.stations = Table(fill(Cell, cell) for cell in world.stations)
-    constants.starts = Table(fill(Cell, cell) for cell in world.starts)
+    constants.stations = Table(fill(CellRow, cell) for cell in world.stations)
+    constants.starts = Table(fill(CellRow, cell) for cell in world.starts)
     constants.ceilings = Table(map(int, settings.ceilings))
     constants.homes = Table(fill(Place, home) for home in world.homes[:, :2].tolist())
     constants.expected_requests = expected_requests(scenario)
@@ -79,8 +79,8 @@ def _type(world: World, number: int) -> TypeRow:
     """Return a type of drones as a row, without its functions."""
     made, own, places = blank(TypeRow), world.types[number], math.prod(world.grid.blocked.shape)
     made.limited = int(own.limited)
-    made.capacity_us, made.return_below_us = own.capacity_us, own.return_below_us
-    made.full_us, made.per_second = own.full_us, own.per_second
+    made.capacity, made.return_charge = own.capacity, own.return_charge
+    made.full, made.drain_per_s = own.full, own.drain_per_s
     made.respawn_after_us, made.on_crash = own.respawn_after_us, CRASHES[own.on_crash]
     made.first_transit = _first_transit(world, number)
     made.first_plan = 2 * places * world.planner_number(number)
@@ -120,16 +120,16 @@ def _set_links(made: Constants, world: World) -> None:
     made.trigger_us, made.margin_db = association.trigger_us, association.margin_db
     points = scenario.access_points
     made.sharers = scenario.drone_count + sum(point.counts_in_reward for point in points)
-    made.points = Table(fill(Point, (*point.at_m, point.height_m)) for point in points)
+    made.points = Table(fill(PointRow, (*point.at_m, point.height_m)) for point in points)
     made.radios = Table(map(_radio, world.links))
     made.draws = world.services.draws
     made.first_stages = Table(world.services.first_stages)
     made.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)
 
 
-def _radio(links: Links) -> Radio:
+def _radio(links: Links) -> RadioRow:
     """Return a radio as a row, without its functions."""
-    made, radio = blank(Radio), links.radio
+    made, radio = blank(RadioRow), links.radio
     made.bandwidth_hz = whole_hz(links.bandwidth_hz)
     made.classes = len(links.efficiencies) - 1
     made.flat = int(radio.flat)
@@ -157,7 +157,7 @@ def _set_flights(made: Constants, world: World) -> None:
 
 def transit_row(transit: Transit) -> TransitRow:
     """Return a transit as a row."""
-    pieces = Table(fill(Piece, piece) for piece in transit.profile.tolist())
+    pieces = Table(fill(PieceRow, piece) for piece in transit.profile.tolist())
     _, *told = transit
     return fill(TransitRow, (*told, pieces))
 

@@ -28,7 +28,7 @@ from desim_uav.rowcode.rows import (
 )
 from desim_uav.rowcode.views import in_memory, zeros
 from desim_uav.sky.links import MOST_PASSED
-from desim_uav.sky.rows import Change, Leg, Piece, Propagation, Scene, Sky, Turn
+from desim_uav.sky.rows import Change, LegRow, PieceRow, Propagation, Scene, Sky, Turn
 from desim_uav.sky.separation import most_turns
 from desim_uav.world import World
 
@@ -147,12 +147,12 @@ def _interferes(world: World) -> bool:
     return bool(world.links[0].radio.reuse > 0)
 
 
-def _leg(world: World, sender: int) -> Leg:
+def _leg(world: World, sender: int) -> LegRow:
     """Return a leg of a sender, with memory for pieces of its own in free flight."""
-    leg = blank(Leg)
+    leg = blank(LegRow)
     leg.band = sender % world.links[0].radio.reuse if _interferes(world) else sender
     if sender < world.scenario.drone_count and world.type_of(sender).free:
-        leg.pieces = Table(blank(Piece) for _ in range(TRAPEZOID))
+        leg.pieces = Table(blank(PieceRow) for _ in range(TRAPEZOID))
     return leg
 
 

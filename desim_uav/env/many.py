@@ -38,7 +38,7 @@ Flags = NDArray[np.bool_]
 Seed = int | Sequence[int | None] | None
 """The seed of environment 0, to which k is added for environment k; or a list with one for each."""
 
-Task = Callable[[], int]
+StepTask = Callable[[], int]
 """Steps some environments, or begins episodes in them; returns how many a fault has stopped."""
 
 FEWEST_DRAWN, FEWEST_STEPPED = 32, 8
@@ -136,7 +136,7 @@ class Many(VectorSaving, Independent):
         """Begin the next episode of the environments ``which``; with seeds, new runs."""
         self._do(self._begins(which, seeds), which)
 
-    def _begins(self, which: Flags, seeds: Sequence[int | None] | None = None) -> list[Task]:
+    def _begins(self, which: Flags, seeds: Sequence[int | None] | None = None) -> list[StepTask]:
         """Prepare the next episode of the environments ``which``; return tasks that begin them."""
         numbers = np.flatnonzero(which).tolist()
         for k in numbers:
@@ -226,7 +226,7 @@ class Many(VectorSaving, Independent):
 
     def _in_shares(
         self, kernel: Callable[..., int], argument: NDArray[Any], which: Flags
-    ) -> list[Task]:
+    ) -> list[StepTask]:
         """Return tasks that call a kernel on the environments ``which``.
 
         ``argument`` has a row for each environment.
@@ -234,7 +234,7 @@ class Many(VectorSaving, Independent):
         rows = self.outputs.addresses
         return [partial(kernel, rows[one], argument[one], which[one]) for one in self._shares]
 
-    def _do(self, tasks: Iterable[Task], which: Flags) -> None:
+    def _do(self, tasks: Iterable[StepTask], which: Flags) -> None:
         """Do tasks of the environments ``which`` in all threads; repeat what ran out of room.
 
         Raises SimulationError if a component of one's own has failed in an environment.
@@ -298,7 +298,7 @@ def shares_of(count: int, threads: int) -> list[slice]:
     return [slice(*pair) for pair in pairwise(bounds)]
 
 
-def work_off(left: deque[Task]) -> int:
+def work_off(left: deque[StepTask]) -> int:
     """Do what is left until nothing is; return how many environments a fault has stopped."""
     stopped = 0
     while left:

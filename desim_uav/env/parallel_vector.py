@@ -17,7 +17,7 @@ from desim_uav.env.arguments import typed
 from desim_uav.env.compiled import COUNTED, MEASURED, NUMBERS, OWN_COUNTED, as_counts, states_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Flags, Many, Seed
-from desim_uav.env.tasks import Change, Curriculum, tasks_of
+from desim_uav.env.tasks import Curriculum, TaskChange, tasks_of
 from desim_uav.spaces import features, observation_space, state_space
 
 Told = tuple[
@@ -54,7 +54,7 @@ class UavParallelVectorEnv(Many):
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
         copy: bool = True,
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
     ) -> None:
         """Make ``num_envs`` environments of a scenario.
 

@@ -14,7 +14,7 @@ from desim_uav.copies import Independent
 from desim_uav.env.arguments import typed
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.saving import EnvState
-from desim_uav.env.tasks import Change, Curriculum
+from desim_uav.env.tasks import Curriculum, TaskChange
 from desim_uav.env.vector import UavVectorEnv
 from desim_uav.errors import MissingExtraError
 
@@ -47,7 +47,7 @@ class UavVecEnv(Independent, VecEnv):
         threads: int = 1,
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
     ) -> None:
         """Make the environments; parameters and errors are those of ``UavVectorEnv``.
 

@@ -31,7 +31,7 @@ MOST_WORLDS = 1024
 
 UNITS = ("episodes", "steps")
 
-Change = tuple[int, Mapping[str, Any]]
+TaskChange = tuple[int, Mapping[str, Any]]
 
 
 @typed
@@ -45,7 +45,7 @@ class Curriculum(Unchanging):
     as in ``config``; keys that a stage does not name have the values of the scenario.
     """
 
-    stages: Sequence[Change]
+    stages: Sequence[TaskChange]
     unit: str = "episodes"
 
 
@@ -112,7 +112,7 @@ def tasks_of(
     source: Source,
     config: Mapping[str, Any] | None = None,
     world_seed: WorldSeed = "scenario",
-    curriculum: Curriculum | Sequence[Change] | None = None,
+    curriculum: Curriculum | Sequence[TaskChange] | None = None,
 ) -> Tasks:
     """Return the tasks of an environment, for whose parameters see ``UavEnv``.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.parallel_vector import UavParallelVectorEnv
-from desim_uav.env.tasks import Change, Curriculum
+from desim_uav.env.tasks import Curriculum, TaskChange
 from desim_uav.errors import MissingExtraError
 from desim_uav.spaces import features
 
@@ -58,7 +58,7 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         threads: int = 1,
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
         seed: int | None = None,
         device: Any = "cpu",
     ) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from desim_uav.experiment.statistics import Estimate, estimate
 from desim_uav.optimum.paper_model import refuse_other_models
-from desim_uav.optimum.run.bound import ROUNDS, Run
+from desim_uav.optimum.run.bound import ROUNDS, BoundedRun
 from desim_uav.optimum.run.schedule import TURNS
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
@@ -43,7 +43,7 @@ def _row(
 ) -> dict[str, Any]:
     drawn = scenario.model_copy(update={"seed": seed})
     world = build_world(drawn, drawn.effective_world_seed)
-    found = Run(world, seed, episodes, on_work=on_work).bound(schedule)
+    found = BoundedRun(world, seed, episodes, on_work=on_work).bound(schedule)
     return {
         "seed": seed,
         "world_seed": drawn.effective_world_seed,

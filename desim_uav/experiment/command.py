@@ -23,7 +23,7 @@ from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
 from desim_uav.records import EPISODES, REQUESTS, to_frame
 from desim_uav.report.manifest import read_manifest
-from desim_uav.run_folder import Draft, Place, world_content
+from desim_uav.run_folder import RunDraft, RunPlace, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
@@ -89,7 +89,7 @@ class Recorded:
         """Whether Ctrl-C ended the run before its last episode."""
         return bool(self.manifest["interrupted"])
 
-    def write(self, draft: Draft) -> None:
+    def write(self, draft: RunDraft) -> None:
         """Write everything except the tables into a run folder."""
         draft.write_text("scenario.yaml", dump(self.prepared.scenario))
         draft.write_json("world.json", world_content(self.prepared.world))
@@ -122,9 +122,9 @@ def prepare(
     return Prepared(scenario, world, loaded, policy_name(policy))
 
 
-def place_of(scenario: Scenario, policy: PolicyLike, out: Path | None) -> Place:
+def place_of(scenario: Scenario, policy: PolicyLike, out: Path | None) -> RunPlace:
     """Return the folder of a run: ``out``, or ``runs/<scenario>-<policy>-s<seed>``."""
-    return Place(out, f"{scenario.name}-{label_of(policy_name(policy))}-s{scenario.seed}")
+    return RunPlace(out, f"{scenario.name}-{label_of(policy_name(policy))}-s{scenario.seed}")
 
 
 def run_to_folder(
@@ -158,7 +158,7 @@ def run_to_folder(
 def write_run(
     prepared: Prepared,
     how: How,
-    place: Place,
+    place: RunPlace,
     advance: Callable[[], None] = lambda: None,
     begun: Begun | None = None,
 ) -> Done:

@@ -38,7 +38,7 @@ from desim_uav.world import build_world
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Measures = dict[str, float | None]
+RunMeasures = dict[str, float | None]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Replication:
     policy: str
     seed: int
     world_seed: int
-    measures: Measures
+    measures: RunMeasures
 
     @property
     def sample_paths(self) -> tuple[int, int]:

@@ -20,14 +20,14 @@ LINES_EVERY_S = 10.0
 NOTEBOOK_EVERY_S = 0.5
 TERMINAL_EVERY_S = 0.1
 
-Text = Callable[[], str]
+DisplayText = Callable[[], str]
 """Returns the text beside the progress; called only if it will be shown."""
 
 
 class Update(Protocol):
     """Takes the progress of work: ``advance`` more units, or ``completed`` units in total."""
 
-    def __call__(self, text: Text, advance: int = 1, completed: int | None = None) -> None:
+    def __call__(self, text: DisplayText, advance: int = 1, completed: int | None = None) -> None:
         """Show the progress, unless it was shown a moment ago."""
 
 
@@ -55,12 +55,14 @@ def display(show: bool, total: int, unit: str, compiling: bool) -> Iterator[Upda
 class _Paced:
     """Counts the units done and shows them at most once per interval."""
 
-    def __init__(self, total: int, every_s: float, show: Callable[[int, Text], None]) -> None:
+    def __init__(
+        self, total: int, every_s: float, show: Callable[[int, DisplayText], None]
+    ) -> None:
         self.done = 0
         self._total, self._every_s, self._show = total, every_s, show
         self._shown_s = time.monotonic()
 
-    def __call__(self, text: Text, advance: int = 1, completed: int | None = None) -> None:
+    def __call__(self, text: DisplayText, advance: int = 1, completed: int | None = None) -> None:
         """See ``Update``."""
         self.done = self.done + advance if completed is None else completed
         now_s = time.monotonic()
@@ -76,7 +78,7 @@ def _on_terminal(console: Console, total: int, unit: str, compiling: bool) -> It
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
         task = progress.add_task(COMPILING if compiling else unit, total=total)
 
-        def show(done: int, text: Text) -> None:
+        def show(done: int, text: DisplayText) -> None:
             progress.update(task, description=text(), completed=done)
 
         paced = _Paced(total, TERMINAL_EVERY_S, show)
@@ -99,7 +101,7 @@ def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Update]:
     first = COMPILING if compiling else _share(0, total, unit)
     handle = ipython.display(line(first), raw=True, display_id=True)
 
-    def show(done: int, text: Text) -> None:
+    def show(done: int, text: DisplayText) -> None:
         words = text()
         progress = _share(done, total, unit) + ("" if words == unit else f"  {words}")
         handle.update(line(progress), raw=True)

@@ -26,7 +26,7 @@ from desim_uav.experiment.command import (
 from desim_uav.experiment.run import Played
 from desim_uav.policies.base import Policy
 from desim_uav.registry import naming_plug_ins
-from desim_uav.run_folder import Draft, Place
+from desim_uav.run_folder import RunDraft, RunPlace
 from desim_uav.sample_path import draw
 
 FORM = re.compile(r"(\d{1,9}):(\d{1,9})")
@@ -227,22 +227,22 @@ def _difference(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
 # ---- the folder
 
 
-def place_of_fork(prepared: Prepared, other_name: str, at: At, out: Path | None) -> Place:
+def place_of_fork(prepared: Prepared, other_name: str, at: At, out: Path | None) -> RunPlace:
     """Return the folder of a counterfactual: ``out``, or one in ``runs`` that names what it is."""
     scenario = prepared.scenario
     name = f"{scenario.name}-{label_of(prepared.name)}-s{scenario.seed}"
-    return Place(out, f"{name}-fork-{at.episode}-{at.step}-{label_of(other_name)}")
+    return RunPlace(out, f"{name}-fork-{at.episode}-{at.step}-{label_of(other_name)}")
 
 
 def write_branches(
-    branches: Branches, place: Place, advance: Callable[[], None] = lambda: None
+    branches: Branches, place: RunPlace, advance: Callable[[], None] = lambda: None
 ) -> tuple[Path, Forked]:
     """Play both branches and write their run folders, with ``fork.json``, into one folder.
 
     Nothing is left if the command fails or is interrupted.
     """
     with place.draft() as draft:
-        drafts = [Draft(draft.path / name) for name in BRANCHES]
+        drafts = [RunDraft(draft.path / name) for name in BRANCHES]
         for each in drafts:
             each.path.mkdir()
         with drafts[0].tables() as first, drafts[1].tables() as second:

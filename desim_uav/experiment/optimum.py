@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from desim_uav.errors import UsageError
 from desim_uav.experiment.bounds import bounds
 from desim_uav.model.mobility.mobility import Static
-from desim_uav.optimum.cover import FairCover, Places, cover, fair_cover, instant_bound
+from desim_uav.optimum.cover import FairCover, Spots, cover, fair_cover, instant_bound
 from desim_uav.optimum.discounted import optimal_return
 from desim_uav.optimum.gain import best_policy, long_run
 from desim_uav.optimum.graph import Forced, Graph, explore, unlimited
@@ -95,7 +95,7 @@ def bounds_runs(scenario: Scenario) -> bool:
 
 def _covers(world: World) -> dict[str, Any]:
     """Return the best cells for drones that hover, by QoE3 and, if it is the reward, by R1."""
-    places, users = Places(world), len(world.homes)
+    places, users = Spots(world), len(world.homes)
     best = cover(places)
     fair = fair_cover(places) if world.scenario.reward == Coverage() else None
     return {

@@ -13,7 +13,7 @@ from desim_uav.experiment.published import POLICIES, PUBLISHED, best_qoe3
 from desim_uav.experiment.statistics import Estimate, estimate, paired
 from desim_uav.model.sums import in_order
 
-Row = dict[str, Any]
+PaperRow = dict[str, Any]
 
 LEARNED = POLICIES[1:]
 LAST = ("last_qoe1_percent", "last_qoe2_iterations", "last_qoe3_percent")
@@ -23,7 +23,7 @@ MOST_CRASHES_WITH_NOISE = 0.10
 NOISY_CASE = 9
 
 
-class Line(NamedTuple):
+class PaperLine(NamedTuple):
     """A policy in a case: its estimates over the seeds, and the values that the paper printed."""
 
     case: int
@@ -45,16 +45,16 @@ class Claim(NamedTuple):
     gate: bool = True
 
 
-def lines(rows: Sequence[Row]) -> list[Line]:
+def lines(rows: Sequence[PaperRow]) -> list[PaperLine]:
     """Return a line for each case, preset and policy that has rows."""
-    groups: dict[tuple[int, str, int], list[Row]] = {}
+    groups: dict[tuple[int, str, int], list[PaperRow]] = {}
     for row in rows:
         key = row["case"], row["preset"], POLICIES.index(row["policy"])
         groups.setdefault(key, []).append(row)
     bounds = (key for key in rows[0] if key.startswith(("cover_", "fair_")))
     names = [*MEASURES, *LAST, *bounds]
     return [
-        Line(
+        PaperLine(
             case,
             preset,
             POLICIES[number],
@@ -65,7 +65,7 @@ def lines(rows: Sequence[Row]) -> list[Line]:
     ]
 
 
-def claims(rows: Sequence[Row]) -> list[Claim]:
+def claims(rows: Sequence[PaperRow]) -> list[Claim]:
     """Return the claims about our own training (without the paper's preset) in these cases."""
     ours = [row for row in rows if row["preset"] == "default"]
     cases = sorted({row["case"] for row in ours})
@@ -75,7 +75,7 @@ def claims(rows: Sequence[Row]) -> list[Claim]:
     return found
 
 
-def _claims_of(case: int, rows: Sequence[Row]) -> list[Claim]:
+def _claims_of(case: int, rows: Sequence[PaperRow]) -> list[Claim]:
     learned = _values(rows, case, "q_learning")
     found = []
     if case in LEAST_OF_BEST_COVER:
@@ -101,7 +101,7 @@ def _claims_of(case: int, rows: Sequence[Row]) -> list[Claim]:
     return found
 
 
-def _claims_of_the_paper(rows: Sequence[Row]) -> list[Claim]:
+def _claims_of_the_paper(rows: Sequence[PaperRow]) -> list[Claim]:
     """Return the paper's claims: on crashes with position error, and on the baseline."""
     found = []
     for policy in LEARNED:
@@ -125,7 +125,7 @@ def _claims_of_the_paper(rows: Sequence[Row]) -> list[Claim]:
     return found
 
 
-def _over_cases(rows: Sequence[Row], policy: str, name: str) -> list[float]:
+def _over_cases(rows: Sequence[PaperRow], policy: str, name: str) -> list[float]:
     """Return a policy's mean over all cases for each seed; the seed is the replication."""
     by_seed: dict[int, list[float]] = {}
     for row in rows:
@@ -134,7 +134,7 @@ def _over_cases(rows: Sequence[Row], policy: str, name: str) -> list[float]:
     return [in_order(values) / len(values) for _, values in sorted(by_seed.items())]
 
 
-def _values(rows: Sequence[Row], case: int, policy: str) -> list[Row]:
+def _values(rows: Sequence[PaperRow], case: int, policy: str) -> list[PaperRow]:
     """Return the rows of a policy in a case, ordered by seed."""
     of_policy = [row for row in rows if row["case"] == case and row["policy"] == policy]
     return sorted(of_policy, key=lambda row: int(row["seed"]))
@@ -151,7 +151,7 @@ def _words(value: Estimate, digits: int) -> str:
     return f"{value.mean:.{digits}f}{half}"
 
 
-def rows_csv(rows: Sequence[Row]) -> str:
+def rows_csv(rows: Sequence[PaperRow]) -> str:
     """Return the rows as CSV, one per job, ordered by preset, case, policy and seed."""
     ordered = sorted(
         rows, key=lambda r: (r["preset"], r["case"], POLICIES.index(r["policy"]), r["seed"])
@@ -160,7 +160,7 @@ def rows_csv(rows: Sequence[Row]) -> str:
     return _csv(columns, [[row.get(name) for name in columns] for row in ordered])
 
 
-def table_csv(table: Sequence[Line]) -> str:
+def table_csv(table: Sequence[PaperLine]) -> str:
     """Return the table as CSV: means, half-widths and the published values of each line."""
     measures = list(table[0].estimates)
     columns = ["case", "preset", "policy", "seeds"]
@@ -169,7 +169,7 @@ def table_csv(table: Sequence[Line]) -> str:
     return _csv(columns, [_cells(line, measures) for line in table])
 
 
-def _cells(line: Line, measures: Sequence[str]) -> list[Any]:
+def _cells(line: PaperLine, measures: Sequence[str]) -> list[Any]:
     estimates = [line.estimates[name] for name in measures]
     found = [value for one in estimates for value in (one.mean, one.half_width)]
     seeds = line.estimates["qoe3_percent"].n
@@ -190,7 +190,7 @@ HEADINGS = (
 )
 
 
-def cells(line: Line) -> list[str]:
+def cells(line: PaperLine) -> list[str]:
     """Return a line as text, one cell for each of ``HEADINGS``."""
     found = line.estimates
     cover = found.get("cover_qoe3_percent", Estimate(0, None, None))
@@ -210,7 +210,7 @@ def cells(line: Line) -> list[str]:
 
 
 def markdown(
-    table: Sequence[Line], found: Sequence[Claim], seeds: Collection[int], command: str
+    table: Sequence[PaperLine], found: Sequence[Claim], seeds: Collection[int], command: str
 ) -> str:
     """Return the table and the claims as Markdown, with the seeds and the command."""
     parts = [

@@ -27,7 +27,7 @@ from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.published import POLICIES, PUBLISHED
 from desim_uav.experiment.train.course import train
-from desim_uav.optimum.cover import Places, cover, fair_cover
+from desim_uav.optimum.cover import Spots, cover, fair_cover
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import scenario_path
@@ -128,7 +128,7 @@ def report(rows: Sequence[dict[str, Any]], folder: Path, command: str) -> Report
 class Report(NamedTuple):
     """The paper's table, the claims about it, and its folder."""
 
-    table: list[paper_table.Line]
+    table: list[paper_table.PaperLine]
     claims: list[paper_table.Claim]
     folder: Path
 
@@ -203,7 +203,7 @@ def best_cover(case: int, seed: int) -> dict[str, float | None]:
     if getattr(scenario.users.mobility, "kind", "") != "static":
         return found
     world = build_world(scenario, scenario.effective_world_seed)
-    places, percent = Places(world), 100 / len(world.homes)
+    places, percent = Spots(world), 100 / len(world.homes)
     best = cover(places)
     found["cover_qoe3_percent"] = percent * best.users if best.exact else None
     fair = None if scenario.limited_battery else fair_cover(places)

@@ -17,7 +17,7 @@ from desim_uav.policies.base import file_of
 from desim_uav.records import EPISODES, TABLES
 from desim_uav.registry import names
 from desim_uav.report.manifest import read_manifest, read_played_by
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import RunPlace
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import scenario_hash
 
@@ -170,7 +170,7 @@ def _forgets(policy: str) -> bool:
     return policy in names("policy") or file_of(policy) is not None
 
 
-def unfinished(place: Place) -> Path:
+def unfinished(place: RunPlace) -> Path:
     """Return the folder of the last interrupted run among the possible places of a new one.
 
     Raises UsageError if there is none.

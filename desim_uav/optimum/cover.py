@@ -20,7 +20,7 @@ import numpy as np
 
 from desim_uav.model.geometry.grid import Cell
 from desim_uav.optimum.footprints import Footprints, flown_to, moves
-from desim_uav.optimum.search import Held, Placement, best_cover, covered, greedy_cover
+from desim_uav.optimum.search import HeldPlaces, Placement, best_cover, covered, greedy_cover
 from desim_uav.optimum.shares import as_bits, best_shares, undominated
 from desim_uav.world import World
 
@@ -75,7 +75,7 @@ class FairCover:
         return self.score == self.at_most
 
 
-class Places:
+class Spots:
     """The different footprints of the cells that drones can reach, the largest first.
 
     ``held`` (footprints, users) says which users they contain; ``cells`` has the first cell of
@@ -92,14 +92,14 @@ class Places:
         rows = np.array([held[cell] for cell in cells])
         different = np.sort(np.unique(rows, axis=0, return_index=True)[1])
         order = different[np.argsort(-rows[different].sum(axis=1), kind="stable")]
-        self.held: Held = rows[order]
+        self.held: HeldPlaces = rows[order]
         self.cells = [cells[k] for k in order.tolist()]
 
     def cells_of(self, placement: Placement) -> list[Cell]:
         """Return the cells of a placement, in order."""
         return sorted(self.cells[k] for k in placement.tolist())
 
-    def on_the_way(self) -> Held:
+    def on_the_way(self) -> HeldPlaces:
         """Return the different footprints over and between cells."""
         sets = set()
         for leg in moves(self.world):
@@ -112,7 +112,7 @@ class Places:
         return np.unique(np.concatenate((self.held, between.astype(bool))), axis=0)
 
 
-def cover(places: Places, limit_s: float = LIMIT_S) -> Cover:
+def cover(places: Spots, limit_s: float = LIMIT_S) -> Cover:
     """Return the cells that cover most users.
 
     If the search gives up, the best cover found so far and a bound are returned. The result is at
@@ -122,13 +122,13 @@ def cover(places: Places, limit_s: float = LIMIT_S) -> Cover:
     return Cover(places.cells_of(placement), covered(places.held, placement), at_most)
 
 
-def instant_bound(places: Places, limit_s: float = LIMIT_S) -> int:
+def instant_bound(places: Spots, limit_s: float = LIMIT_S) -> int:
     """Return a number of attached users that no policy exceeds at any instant."""
     return _most_covered(places.on_the_way(), places.drones, limit_s)[1]
 
 
 def _most_covered(
-    held: Held, drones: int, limit_s: float, in_order: bool = False
+    held: HeldPlaces, drones: int, limit_s: float, in_order: bool = False
 ) -> tuple[Placement, int]:
     """Return the best placement found, and an upper bound on the users that any one covers.
 
@@ -145,7 +145,7 @@ def _most_covered(
     return placement, at_most
 
 
-def fair_cover(places: Places, budget: int = BUDGET) -> FairCover | None:
+def fair_cover(places: Spots, budget: int = BUDGET) -> FairCover | None:
     """Return the cells that earn most by R1, or None if there are too many drones to search.
 
     If the result is exact, its cells cover the most users among all cells with this reward.

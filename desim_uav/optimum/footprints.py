@@ -10,7 +10,7 @@ from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_a
 from desim_uav.model.geometry.crossings import crossings
 from desim_uav.model.geometry.relative import ENTERS, TIME_US, USER
 from desim_uav.model.mobility.mobility import Static
-from desim_uav.model.motion.motion import REST, Leg
+from desim_uav.model.motion.motion import REST, TransitLeg
 from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.optimum.paper_model import refuse_other_models
@@ -36,9 +36,9 @@ class Footprints:
 
     def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
         """Return the users in the footprint of a drone that hovers over a point."""
-        return self._crossings(Leg(REST, centre_m, centre_m, 0.0, 0.0), 0)[:, USER]
+        return self._crossings(TransitLeg(REST, centre_m, centre_m, 0.0, 0.0), 0)[:, USER]
 
-    def sets_along(self, leg: Leg, span_us: int) -> set[int]:
+    def sets_along(self, leg: TransitLeg, span_us: int) -> set[int]:
         """Return the largest sets of users in the footprint during a leg, user u as bit u.
 
         Users who enter and leave in the same microsecond all count as covered at once.
@@ -54,7 +54,7 @@ class Footprints:
         largest.add(held)
         return largest
 
-    def _crossings(self, leg: Leg, span_us: int) -> NDArray[np.int64]:
+    def _crossings(self, leg: TransitLeg, span_us: int) -> NDArray[np.int64]:
         """Return the entries and exits of a leg; users inside at its start enter then."""
         look_around(self.users, 0, span_us)
         route = (*leg.from_m, *leg.to_m)
@@ -92,7 +92,7 @@ def refuse_walks(world: World) -> None:
         )
 
 
-def moves(world: World) -> list[Leg]:
+def moves(world: World) -> list[TransitLeg]:
     """Return the moves of serving drones between neighbouring cells, in one direction each."""
     grid, found = world.grid, {}
     for ix, iy, level in flown_to(world):
@@ -100,7 +100,7 @@ def moves(world: World) -> list[Leg]:
             dx, dy, _ = MOVES[action]
             if grid.can_enter(ix + dx, iy + dy, level):
                 ends = grid.centre(ix, iy), grid.centre(ix + dx, iy + dy)
-                found[ends] = Leg(world.only_type.epoch_transits[action], *ends, 0.0, 0.0)
+                found[ends] = TransitLeg(world.only_type.epoch_transits[action], *ends, 0.0, 0.0)
     return list(found.values())
 
 

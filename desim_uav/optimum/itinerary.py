@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from desim_uav.model.rules import Action
 from desim_uav.optimum.gain import path, renewal_after
 from desim_uav.optimum.graph import Graph
-from desim_uav.optimum.lone_drone import State, Step
+from desim_uav.optimum.lone_drone import LoneState, LoneStep
 from desim_uav.optimum.process import DroneProcess
 
 
@@ -72,13 +72,13 @@ def without_battery(
     return Itinerary(rows, begun[state])
 
 
-def _decision(process: DroneProcess, state: State, action: Action) -> list[dict[str, Any]]:
+def _decision(process: DroneProcess, state: LoneState, action: Action) -> list[dict[str, Any]]:
     """Return the rows of the steps after a decision; the first one has the action."""
     steps = process.outcome(state, action).steps
     return [_row(action if k == 0 else None, step) for k, step in enumerate(steps)]
 
 
-def _row(action: Action | None, step: Step) -> dict[str, Any]:
+def _row(action: Action | None, step: LoneStep) -> dict[str, Any]:
     observed = step.observation
     return {
         "action": None if action is None else action.name.lower(),

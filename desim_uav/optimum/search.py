@@ -11,19 +11,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Held = NDArray[np.bool_]
+HeldPlaces = NDArray[np.bool_]
 Placement = NDArray[np.int64]
 
 SLACK = 1e-3
 """What is added to a bound before it is rounded down, which is far more than its rounding error."""
 
 
-def covered(held: Held, placement: Placement) -> int:
+def covered(held: HeldPlaces, placement: Placement) -> int:
     """Return the number of users that a placement covers."""
     return int(held[placement].any(axis=0).sum())
 
 
-def greedy_cover(held: Held, drones: int) -> tuple[Placement, int]:
+def greedy_cover(held: HeldPlaces, drones: int) -> tuple[Placement, int]:
     """Place each drone in turn where it adds most users.
 
     Returns the placement, and a bound on the users that any placement covers: after any turn, none
@@ -42,7 +42,7 @@ def greedy_cover(held: Held, drones: int) -> tuple[Placement, int]:
 
 
 def best_cover(
-    held: Held, drones: int, limit_s: float, in_order: bool
+    held: HeldPlaces, drones: int, limit_s: float, in_order: bool
 ) -> tuple[Placement | None, float]:
     """Return the placement that covers most users, and a bound on the users that any one covers.
 

@@ -13,7 +13,7 @@ from desim_uav.errors import DesimError, PolicyError, did_you_mean
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.policies.answers import commands_of
-from desim_uav.policies.function import Choice, Function
+from desim_uav.policies.function import Answer, FunctionPolicy
 from desim_uav.registry import FAULTS, names, resolve, what_failed
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_table, trained_names
@@ -61,7 +61,7 @@ class JointPolicy(Policy, Protocol):
         """Return the actions of all drones in their order. It is called instead of ``act``."""
 
 
-class Planner(JointPolicy, Protocol):
+class PlanningPolicy(JointPolicy, Protocol):
     """Sees more than the drones do: it is shown the engine before its first decision.
 
     ``information`` says what it uses of it, because nothing keeps a planner from using all.
@@ -117,7 +117,7 @@ class Learned(Protocol):
         """The policy that was learned."""
 
 
-PolicyLike = str | Path | Policy | type[Policy] | Choice | Learned | Trained | Module | Network
+PolicyLike = str | Path | Policy | type[Policy] | Answer | Learned | Trained | Module | Network
 """Everything that is accepted as a policy: a name or a file as on the command line, a policy object
 or class, a plain function of an observation and a mask, the result of a training, or a model in
 memory: of Stable-Baselines3, RLlib or PyTorch, or a network of ``policies/ppo.py``."""
@@ -220,7 +220,7 @@ def load_policy(policy: PolicyLike) -> Policy:
     if not hasattr(given, "act") and hasattr(given, "policy"):
         given = given.policy
     if not hasattr(given, "act") and callable(given):
-        given = Function(given)
+        given = FunctionPolicy(given)
     return _checked(given, policy_name(policy))
 
 
@@ -280,7 +280,7 @@ def policy_name(policy: PolicyLike) -> str:
         if isinstance(name := getattr(given, "name", None), str):
             return name
         if not hasattr(given, "act") and callable(given):
-            return Function(given).name
+            return FunctionPolicy(given).name
     if not isinstance(given, type):
         given = type(given)
     return f"{given.__module__}:{given.__qualname__}"

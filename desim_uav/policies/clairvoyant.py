@@ -131,13 +131,15 @@ class Clairvoyant:
         of an episode. Without carry-over it is nothing.
         """
         from desim_uav.policies.planning.sight import look
-        from desim_uav.policies.planning.team import Team
+        from desim_uav.policies.planning.team import TeamPlanner
 
         assert self._ground is not None
         world = self._ground.world
         if not world.scenario.episode.carry_over or shown.terminated:
             return 0.0
-        team = Team(self._ground, look(self._inner, self._ground, shown.observations), self._habits)
+        team = TeamPlanner(
+            self._ground, look(self._inner, self._ground, shown.observations), self._habits
+        )
         team.improve(self._habits.rounds)
         share = team.covered() / (len(world.homes) * world.scenario.episode.steps)
         weight: float = 1.0 - self.options["qoe1"]
@@ -146,13 +148,13 @@ class Clairvoyant:
     def _planned(self, shown: Snapshot, before: Any) -> tuple[list[int], Any]:
         """Return the commands of plans for the true places of users, and these plans."""
         from desim_uav.policies.planning.sight import look
-        from desim_uav.policies.planning.team import Team, commands_of
+        from desim_uav.policies.planning.team import TeamPlanner, commands_of
 
         assert self._ground is not None
         seen = look(self._inner, self._ground, shown.observations)
         if self._knows:
             seen = seen._replace(future_m=self._places_m[shown.step : -1])
-        team = Team(self._ground, seen, self._habits)
+        team = TeamPlanner(self._ground, seen, self._habits)
         team.begin_with(*before)
         team.improve(self._habits.rounds)
         told = commands_of(self._ground, team.plans[:, 0, 0], shown.observations, shown.masks)

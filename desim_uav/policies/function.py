@@ -11,14 +11,14 @@ from desim_uav.model.rules import Action, AtSpeed
 from desim_uav.model.state import Observation
 from desim_uav.world import World
 
-Choice = Callable[[Observation, Sequence[bool]], Action | AtSpeed | int | str | Sequence[float]]
+Answer = Callable[[Observation, Sequence[bool]], Action | AtSpeed | int | str | Sequence[float]]
 """A function that chooses a drone's action from its observation and mask. It returns an ``Action``,
 the name of an action, or an index into ``world.actions``; in free flight also the numbers of a
 command, from -1 to 1. If commands choose a cruise speed, a move without one is that at the highest
 speed."""
 
 
-class Function:
+class FunctionPolicy:
     """Calls a function for every drone at every decision epoch.
 
     The function is not called while only one action is allowed: a drone that returns, waits,
@@ -27,7 +27,7 @@ class Function:
 
     ceiling = True
 
-    def __init__(self, choose: Choice) -> None:
+    def __init__(self, choose: Answer) -> None:
         self.choose = choose
         self.name = f"{choose.__module__}:{getattr(choose, '__qualname__', type(choose).__name__)}"
 

@@ -163,7 +163,9 @@ class Rollout:
         if place < 0 or seen.battery_s is None:
             return place >= 0
         ground = self._ground
-        units = round(seen.battery_s * ground.world.only_type.per_second) // ground.unit_us - drain
+        units = (
+            round(seen.battery_s * ground.world.only_type.drain_per_s) // ground.charge_unit - drain
+        )
         _, _, takes, exists = ground.returns[place].tolist()
         by_return = bool(exists) and min(units, ground.return_at) > takes
         return by_return or bool(units >= ground.needs[place])

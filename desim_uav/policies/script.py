@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from desim_uav.commands.free import NUMBERS
+from desim_uav.commands.aims import NUMBERS
 from desim_uav.commands.given import CommandError
 from desim_uav.errors import PolicyError, did_you_mean, notice
 from desim_uav.model.random.streams import Streams

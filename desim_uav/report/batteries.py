@@ -30,7 +30,7 @@ NEAR_US = 1000
 """Half the time over which a power is measured."""
 
 
-def batteries_before_us(run: Run, episode: int) -> list[int]:
+def charges_before(run: Run, episode: int) -> list[int]:
     """Return each drone's charge at the start of an episode: full, or that of the episode before.
 
     It is 0 if the battery is unlimited. Raises PolicyError if the table of steps lacks it.
@@ -42,11 +42,13 @@ def batteries_before_us(run: Run, episode: int) -> list[int]:
         last = steps["step"].max()
     ends = steps[steps["step"] == last].sort_values("drone")
     if not run.settings.carry_over or len(ends) != len(types) or _ended(types, ends["crashed"]):
-        return [own.capacity_us for own in types]
+        return [own.capacity for own in types]
     held_s = [s if own.limited else 0.0 for own, s in zip(types, ends["battery_s"], strict=True)]
     if pd.isna(held_s).any():
         raise PolicyError(f"{run.folder / 'steps.parquet'}: battery_s: a value is missing")
-    return [round(battery_s * own.per_second) for own, battery_s in zip(types, held_s, strict=True)]
+    return [
+        round(battery_s * own.drain_per_s) for own, battery_s in zip(types, held_s, strict=True)
+    ]
 
 
 def _ended(types: Sequence[DroneType], crashed: Iterable[bool]) -> bool:
@@ -67,7 +69,7 @@ def battery_curve(
     energy, charging = own.drones.battery, own.scenario.charging
     assert energy is not None
     assert charging is not None
-    knots = battery_knots(begins_with, records, events, own.capacity_us, charging)
+    knots = battery_knots(begins_with, records, events, own.capacity, charging)
     flown = knots_in_flight(energy, track, knots, end_us)
     return sorted([*flown, *knots], key=lambda knot: knot[0])
 
@@ -115,21 +117,21 @@ def knots_in_flight(
     for number, flight in track.flights():
         starts_us = int(track.starts_us[number])
         if starts_us < 0:
-            held = knots[0][1] + energy.drained_us(flight, -starts_us)
+            held = knots[0][1] + energy.drain_of(flight, -starts_us)
         elif starts_us != landed_us:
             held = knots[bisect_right(times, starts_us) - 1][1]
         until_us = min(end_us, track.until_us(number))
         for elapsed_us in () if _is_even(energy, flight) else samples_us(flight):
             if elapsed_us > 0 and 0 < starts_us + elapsed_us <= until_us:
-                yield starts_us + elapsed_us, held - energy.drained_us(flight, elapsed_us)
+                yield starts_us + elapsed_us, held - energy.drain_of(flight, elapsed_us)
         landed_us = starts_us + flight.duration_us
-        held -= energy.drained_us(flight, flight.duration_us)
+        held -= energy.drain_of(flight, flight.duration_us)
 
 
 def _is_even(energy: Energy, flight: Transit) -> bool:
     """Return whether a flight takes a microsecond of autonomy in each microsecond."""
     times = (flight.duration_us // 2, flight.duration_us)
-    return all(energy.drained_us(flight, t_us) == t_us for t_us in times)
+    return all(energy.drain_of(flight, t_us) == t_us for t_us in times)
 
 
 def samples_us(flight: Transit, ramp_parts: int = RAMP_PARTS) -> list[int]:
@@ -150,7 +152,7 @@ def powers_w(
     found = []
     for t_us in samples_us(flight, ramp_parts):
         low, high = max(0, t_us - NEAR_US), min(flight.duration_us, t_us + NEAR_US)
-        used = energy.drained_us(flight, high) - energy.drained_us(flight, low)
+        used = energy.drain_of(flight, high) - energy.drain_of(flight, low)
         found.append((t_us / US, round(used / (high - low), 3)))
     return found
 

@@ -104,9 +104,9 @@ def _type_content(world: World, number: int) -> dict[str, Any]:
         }
     return {
         "name": world.scenario.type_names[number],
-        "capacity_us": own.hover_us(own.capacity_us) if own.limited else None,
-        "capacity_wh": own.capacity_us / WH_UJ if own.in_joules else None,
-        "hover_w": own.per_second / US if own.in_joules else None,
+        "capacity_us": own.hover_us(own.capacity) if own.limited else None,
+        "capacity_wh": own.capacity / WH_UJ if own.in_joules else None,
+        "hover_w": own.drain_per_s / US if own.in_joules else None,
         "bandwidth_hz": None if unlimited else round(links.bandwidth_hz),
         "footprint_m": links.reach_m,
         "rings": rings,

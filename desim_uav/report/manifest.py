@@ -10,7 +10,7 @@ from pydantic import Field
 
 from desim_uav.report.json_file import Form, read_json
 
-Text = Annotated[str, Field(max_length=10_000)]
+ManifestText = Annotated[str, Field(max_length=10_000)]
 PLAYERS = ("des", "batch")
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 
@@ -18,8 +18,8 @@ Count = Annotated[int, Field(ge=0, lt=2**63)]
 class Named(Form):
     """The entries that are needed to name a run."""
 
-    scenario: Text
-    policy: Text
+    scenario: ManifestText
+    policy: ManifestText
     seed: Count
 
 

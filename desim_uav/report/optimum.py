@@ -13,7 +13,7 @@ from desim_uav.errors import printable
 from desim_uav.notices import tell
 from desim_uav.report.text import print_table
 
-Row = tuple[str, str, str, str, str, Any]
+OptimumRow = tuple[str, str, str, str, str, Any]
 """What is the best, its QoE3, its reward, what is proven, its cells, and its policy or None."""
 
 
@@ -52,7 +52,7 @@ def print_optimum(found: dict[str, Any]) -> None:
         tell(f"no bounds of runs: {found['runs_refused']}")
 
 
-def optima(found: dict[str, Any]) -> Iterator[Row]:
+def optima(found: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of the table."""
     if found["cover"] is not None:
         yield from _hovering(found)
@@ -66,7 +66,7 @@ def optima(found: dict[str, Any]) -> Iterator[Row]:
         yield from _in_runs(found["runs"])
 
 
-def _hovering(found: dict[str, Any]) -> Iterator[Row]:
+def _hovering(found: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of the best cells."""
     cover, fair = found["cover"], found["fair_cover"]
     at_most = f"{found['instant_at_most_percent']:.1f} %"
@@ -80,7 +80,7 @@ def _hovering(found: dict[str, Any]) -> Iterator[Row]:
         yield "reward, hovering", qoe3, reward, at_most, _cells(fair), None
 
 
-def _alone(lone: dict[str, Any]) -> Iterator[Row]:
+def _alone(lone: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of the best of one drone."""
     for name in ("reward", "QoE3"):
         best = lone[f"best_{name.lower()}"]
@@ -89,7 +89,7 @@ def _alone(lone: dict[str, Any]) -> Iterator[Row]:
         yield f"{name}, {lone['over']}", qoe3, reward, at_most, "", best["policy"]
 
 
-def _in_runs(runs: dict[str, Any]) -> Iterator[Row]:
+def _in_runs(runs: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of bounds of runs."""
     means, over = runs["means"], f"in a run of {runs['episodes']} episode(s)"
     reached = means["schedule_qoe3_percent"]["mean"]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import Measures, UserState
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import US, Mode, Phase
-from desim_uav.report.batteries import batteries_before_us, battery_curve
+from desim_uav.report.batteries import battery_curve, charges_before
 from desim_uav.report.links import full_service_s
 from desim_uav.report.run import Run
 from desim_uav.report.tracks import Track
@@ -171,7 +171,7 @@ class Playback:
         """
         world, steps = self.run.world, self.run.of("steps", self.episode)
         found = []
-        for drone, begins_us in enumerate(batteries_before_us(self.run, self.episode)):
+        for drone, begins_us in enumerate(charges_before(self.run, self.episode)):
             own, drone_type = steps[steps["drone"] == drone], world.type_of(drone)
             if not drone_type.limited:
                 found.append((np.empty(0), np.empty(0)))
@@ -182,14 +182,14 @@ class Playback:
                 self._tracks[drone],
                 begins_us,
                 [
-                    (round(t_s * US), round(left_s * drone_type.per_second))
+                    (round(t_s * US), round(left_s * drone_type.drain_per_s))
                     for t_s, left_s in zip(own["t_s"], own["battery_s"], strict=True)
                 ],
                 [*zip(events["t_us"].tolist(), events["kind"], strict=True)],
                 self.duration_us,
             )
             t_us, left = np.array(knots, np.float64).T
-            found.append((t_us / US, left / drone_type.per_second))
+            found.append((t_us / US, left / drone_type.drain_per_s))
         return found
 
     def _battery_s(self, drone: int, t_us: int) -> float | None:
@@ -236,7 +236,7 @@ class Playback:
         )
 
     @cached_property
-    def _requests(self) -> Requests:
+    def _requests(self) -> RequestTimes:
         requests = self.run.of("requests", self.episode)
         events = self._events.dropna(subset=["request_id"])
         opened = events[events["kind"] == "request"]
@@ -246,9 +246,9 @@ class Playback:
             keys = pd.Series(rows["key"].to_numpy(), rows["request_id"].to_numpy(np.int64))
             return np.asarray(keys[requests["request_id"]], np.int64)
 
-        columns = [requests[name].to_numpy() for name in Requests._fields[:4]]
+        columns = [requests[name].to_numpy() for name in RequestTimes._fields[:4]]
         full_s = full_service_s(requests)
-        return Requests._make([*columns, full_s, key_of(opened), key_of(closed)])
+        return RequestTimes._make([*columns, full_s, key_of(opened), key_of(closed)])
 
     def _users_at(self, key: int) -> tuple[Ints, Ints, Ints]:
         """Return by user the drone it is attached to and the one that serves it, and who asks."""
@@ -301,7 +301,7 @@ class Playback:
         return Measures(qoe1, qoe2, qoe3)
 
 
-class Requests(NamedTuple):
+class RequestTimes(NamedTuple):
     """The requests of an episode as columns, in order of their numbers.
 
     Each is completed once it has been served for ``full_service_s`` (see ``report.links``).

@@ -22,7 +22,7 @@ CHECKED = os.environ.get("DESIM_UAV_CHECK", "0") not in ("", "0")
 
 A_TABLE, A_QUEUE = "a table", "a queue"
 
-Place = tuple[str, int, str]
+CodePlace = tuple[str, int, str]
 """A file, a line and the name of a function."""
 
 _met = threading.local()
@@ -38,7 +38,7 @@ class OutsideError(SimulationError, IndexError):
     """
 
     def __init__(
-        self, owner: str, of: str, place: Place, met: tuple[int, int] | None = None
+        self, owner: str, of: str, place: CodePlace, met: tuple[int, int] | None = None
     ) -> None:
         super().__init__(owner, of, place, met or _met.numbers)  # by which SimPy copies it
         self.owner, self.of, self.place, self.met = self.args
@@ -91,7 +91,7 @@ def require_inside(k: Any, length: int, of: str) -> None:
         raise OutsideError(owner, of, place, (int(k), length))
 
 
-def _place() -> tuple[str, Place]:
+def _place() -> tuple[str, CodePlace]:
     """Return the component, if any, and the place of the innermost function outside ``BETWEEN``."""
     frame = sys._getframe(1)
     while frame.f_globals.get("__name__") in (__name__, *BETWEEN) and frame.f_back is not None:

@@ -28,8 +28,8 @@ from desim_uav.rowcode.rows import is_row, layout_of
 from desim_uav.rowcode.value_text import (
     OURS,
     ChangedError,
-    Text,
     UndescribedError,
+    ValueText,
     foreign,
     full_name,
 )
@@ -89,7 +89,7 @@ def class_digest(cls: type) -> str:
 
     Functions of this package do not count. Raises UndescribedError as ``code_digest`` does.
     """
-    text = Text()
+    text = ValueText()
     said = text.of(cls)
     texts = _reach({}, text.functions, ours=False)
     return hashlib.sha256("\n".join([said, *texts]).encode()).hexdigest()
@@ -163,7 +163,7 @@ def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
     known = _KNOWN.get(function)
     if known and known.code is code and _same(known.values, values):
         return known.text, known.called
-    text = Text()
+    text = ValueText()
     parts = [full_name(function), *_code(text, code, function.__doc__)]
     for name, value in values.items():
         try:
@@ -286,7 +286,7 @@ def _names(code: CodeType) -> tuple[str, ...]:
     return tuple(sorted(set(code.co_names).union(*inner)))
 
 
-def _code(text: Text, code: CodeType, doc: str | None = None) -> Iterator[str]:
+def _code(text: ValueText, code: CodeType, doc: str | None = None) -> Iterator[str]:
     """Yield the texts of byte code, the names in it, its exception table and its constants."""
     yield f"{code.co_code.hex()} {code.co_exceptiontable.hex()} {code.co_flags}"
     arguments = code.co_argcount + code.co_kwonlyargcount

@@ -112,7 +112,7 @@ def kind_of(component: Any) -> str:
 # ---- functions that are known by their addresses
 
 
-Values = Callable[[int], Any]
+ValuesAt = Callable[[int], Any]
 """Returns the values of a component at an address."""
 
 
@@ -124,7 +124,7 @@ class Function(NamedTuple):
     """
 
     name: str
-    around: Callable[[Any, Values], Any]
+    around: Callable[[Any, ValuesAt], Any]
     arguments: tuple[Any, ...]
 
 

@@ -39,7 +39,7 @@ from desim_uav.rowcode.numba_parts import (
 )
 from desim_uav.rowcode.options import CHECK, INNER, MAKER, OPTIONS, WITHIN, overload
 from desim_uav.rowcode.regular_file import content_of, new_file
-from desim_uav.rowcode.value_text import Text, UndescribedError
+from desim_uav.rowcode.value_text import UndescribedError, ValueText
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -247,7 +247,7 @@ class CodeFile:
         function, options = self._compiled.py_func, self._compiled.targetoptions
         try:
             digest = code_digest(function, placed="boundscheck" in options)
-            parts = digest, Text().of(options), *VERSIONS, *settings()
+            parts = digest, ValueText().of(options), *VERSIONS, *settings()
         except UndescribedError as error:
             if multiprocessing.parent_process() is None:  # the parent prints it for all
                 name = function.__qualname__.replace("<locals>.", "")

@@ -23,7 +23,7 @@ from numba.core.imputils import Registry
 from numba.core.typing import templates as _templates
 from numba.np import arrayobj as _arrayobj
 
-from desim_uav.rowcode.bounds import NOTE, NOTE_AT, OutsideError, Place, own_class
+from desim_uav.rowcode.bounds import NOTE, NOTE_AT, CodePlace, OutsideError, own_class
 
 types: Any = _types
 cgutils: Any = _cgutils
@@ -133,7 +133,7 @@ add_symbol(NOTE, NOTE_AT)
 
 
 def fail_outside(
-    context: Any, builder: Any, owner: str, of: str, place: Place, met: tuple[Any, Any]
+    context: Any, builder: Any, owner: str, of: str, place: CodePlace, met: tuple[Any, Any]
 ) -> None:
     """End a function by OutsideError, whose arguments these are."""
     kind = ir.FunctionType(ir.VoidType(), [one.type for one in met])
@@ -156,12 +156,12 @@ def _check_array(context: Any, builder: Any, k: Any, size: Any, axis: int = 0) -
 cgutils.do_boundscheck = _check_array
 
 
-def place_lowered() -> Place:
+def place_lowered() -> CodePlace:
     """Return the place in the source that is being made machine code by a caller of this."""
     return _function_lowered()[0]
 
 
-def _function_lowered() -> tuple[Place, str]:
+def _function_lowered() -> tuple[CodePlace, str]:
     """Return that place, and the component of one's own that its function is a method of."""
     frame: Any = sys._getframe(1)
     while not isinstance(one := frame.f_locals.get("self"), lowering.BaseLower):

@@ -4,12 +4,12 @@ A class of rows is declared by its annotations::
 
     @row
     class Drone(Row):
-        battery_us: int
+        charge: int
         waiting: Queue[int]
 
 In Python a row is an object with slots, and a ``Table`` or a ``Queue`` is a list. In compiled code
 a row is a pointer to its fields, of eight bytes (a word) each, which are accessed by name, as in
-``drone.battery_us`` (see ``compiled_types``). One function over rows therefore runs in both.
+``drone.charge`` (see ``compiled_types``). One function over rows therefore runs in both.
 
 A row stores the positions of its tables as their distances from itself. A block of memory with a
 row and all its tables can therefore be copied, pickled and moved as it is.

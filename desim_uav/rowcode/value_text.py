@@ -56,7 +56,7 @@ class ChangedError(UndescribedError):
     """A value of a function is not what it was when the function was first described."""
 
 
-class Text:
+class ValueText:
     """Makes the texts of values.
 
     ``functions`` are the functions in them, in the order in which they were met: a text has only
@@ -195,17 +195,17 @@ class Text:
 PLAIN = {type(None), bool, int, str, bytes, type(Ellipsis), type(NotImplemented), range}
 """Types whose ``repr`` describes a value completely."""
 
-WHOLE: dict[Any, Callable[[Text, Any], str]] = {
-    type: Text._class,
-    Enum: Text._member,
-    ModuleType: Text._module,
-    np.generic: Text._of_numpy,
-    np.ndarray: Text._of_numpy,
-    np.dtype: Text._of_numpy,
+WHOLE: dict[Any, Callable[[ValueText, Any], str]] = {
+    type: ValueText._class,
+    Enum: ValueText._member,
+    ModuleType: ValueText._module,
+    np.generic: ValueText._of_numpy,
+    np.ndarray: ValueText._of_numpy,
+    np.dtype: ValueText._of_numpy,
 }
 """What makes the text of a value, by a type of which it is an instance."""
 
-PARTS: dict[type, Callable[[Text, Any], str]] = {
+PARTS: dict[type, Callable[[ValueText, Any], str]] = {
     bool: lambda text, value: repr(bool(value)),
     int: lambda text, value: int.__repr__(value),
     float: lambda text, value: struct.pack("<d", value).hex(),

@@ -99,5 +99,5 @@ def credit_step(state: State) -> None:
         credit.served = credit.served_alone = 0.0
     for d in range(len(state.drones)):
         drone, credit = state.drones[d], state.drones[d].credit
-        count_charge(drone, state.observations[d].battery_us)
+        count_charge(drone, state.observations[d].charge)
         credit.step_used, credit.used = drone.used - credit.used, drone.used

@@ -109,5 +109,5 @@ def _write_other(world: Constants, state: State, drone: Drone, other: Drone, k: 
         return k + 1
     out[k + len(MODES)] = 1.0
     if is_limited(world, other):
-        out[k + len(MODES)] = (seen.battery_us / US) / (capacity_of(world, other) / US)
+        out[k + len(MODES)] = (seen.charge / US) / (capacity_of(world, other) / US)
     return k + len(MODES) + 1

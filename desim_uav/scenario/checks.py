@@ -24,12 +24,12 @@ from desim_uav.scenario.components import place_of_problem
 from desim_uav.scenario.drones import Drones, flies_freely
 from desim_uav.scenario.epochs import decisions_by_event_fit_the_scenario
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.free import free_flight_fits_the_scenario
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.service_checks import stages_can_be_served
+from desim_uav.scenario.space_checks import free_flight_fits_the_scenario
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
 

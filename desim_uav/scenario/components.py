@@ -258,9 +258,9 @@ class CheckedField:
         return handler(schema)
 
 
-def as_field(mark: registry.Mark) -> Slot | NameOrForm | CheckedField:
+def as_field(mark: registry.FieldMark) -> Slot | NameOrForm | CheckedField:
     """Return what validates a marked field of a component."""
-    if isinstance(mark, registry.Part):
+    if isinstance(mark, registry.ComponentField):
         return Slot(mark.slot, mark.default, mark.protocol, mark.by_name)
     if isinstance(mark, registry.Checked):
         return CheckedField(mark)
@@ -268,7 +268,7 @@ def as_field(mark: registry.Mark) -> Slot | NameOrForm | CheckedField:
     return NameOrForm(mark)
 
 
-registry.Mark.as_field = staticmethod(as_field)
+registry.FieldMark.as_field = staticmethod(as_field)
 
 _PLUG_IN_SCHEMA: JsonSchemaValue = {
     "title": "plug-in",
@@ -433,7 +433,7 @@ def _parts(found: type) -> dict[str, Any]:
         field.name: field.default_factory()
         for field in dataclasses.fields(found)
         if field.default_factory is not dataclasses.MISSING
-        and any(isinstance(mark, registry.Part) for mark in _marks(hints[field.name]))
+        and any(isinstance(mark, registry.ComponentField) for mark in _marks(hints[field.name]))
     }
 
 

@@ -9,10 +9,10 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from desim_uav.errors import did_you_mean
-from desim_uav.registry import NameOr, Part, names
+from desim_uav.registry import ComponentField, NameOr, names
 from desim_uav.scenario.components import Slot, as_field
-from desim_uav.scenario.draft import MAX_PROBLEMS, Draft
-from desim_uav.scenario.drones import Drones, DroneType
+from desim_uav.scenario.draft import MAX_PROBLEMS, ScenarioDraft
+from desim_uav.scenario.drones import Drones, NamedDrones
 from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.section import Section
@@ -33,7 +33,7 @@ class Complaint(NamedTuple):
     mistaken_for: KeyPath | None = None
 
 
-def complaints(error: ValidationError, draft: Draft) -> list[Complaint]:
+def complaints(error: ValidationError, draft: ScenarioDraft) -> list[Complaint]:
     """Return the errors of a validation, without those that follow from others."""
     details = error.errors(include_url=False)[:MAX_PROBLEMS]
     found = [_complaint(detail, draft, details) for detail in details]
@@ -47,7 +47,9 @@ def complaints(error: ValidationError, draft: Draft) -> list[Complaint]:
     return list(kept.values())
 
 
-def _complaint(detail: ErrorDetails, draft: Draft, details: list[ErrorDetails]) -> Complaint:
+def _complaint(
+    detail: ErrorDetails, draft: ScenarioDraft, details: list[ErrorDetails]
+) -> Complaint:
     kind, path = detail["type"], tuple(detail["loc"])
     if path and path[-1] == "[key]":
         return Complaint(path[:-1], _NAME, path[:-1], at_key=True)
@@ -59,7 +61,7 @@ def _complaint(detail: ErrorDetails, draft: Draft, details: list[ErrorDetails]) 
     return Complaint(known, _message(detail), known)
 
 
-def _unknown_key(path: KeyPath, draft: Draft) -> Complaint:
+def _unknown_key(path: KeyPath, draft: ScenarioDraft) -> Complaint:
     allowed = known_keys(path[:-1], draft)
     hint = did_you_mean(str(path[-1]), allowed)
     nearest = (*path[:-1], hint.split("'")[1]) if hint else None
@@ -81,14 +83,14 @@ def _missing(path: KeyPath, details: list[ErrorDetails]) -> Complaint:
     return Complaint(path, "missing; it has no default", parent)
 
 
-def _known_part(path: KeyPath, draft: Draft) -> KeyPath:
+def _known_part(path: KeyPath, draft: ScenarioDraft) -> KeyPath:
     """Return ``path`` without the parts that Pydantic adds for the alternatives of a union."""
     while path and not draft.has(path):
         path = path[:-1]
     return path
 
 
-def _kinds_with(path: KeyPath, draft: Draft) -> list[str]:
+def _kinds_with(path: KeyPath, draft: ScenarioDraft) -> list[str]:
     """Return the kinds of a component that have the key at ``path``, unlike the one chosen."""
     owner = _owner_at(path[:-1], draft)
     if not isinstance(owner, Slot):
@@ -96,7 +98,7 @@ def _kinds_with(path: KeyPath, draft: Draft) -> list[str]:
     return [kind for kind in names(owner.name) if path[-1] in owner.parameter_names(kind)]
 
 
-def known_keys(path: KeyPath, draft: Draft) -> list[str]:
+def known_keys(path: KeyPath, draft: ScenarioDraft) -> list[str]:
     """Return the keys that the mapping at ``path`` may have."""
     owner = _owner_at(path, draft)
     if isinstance(owner, Slot):
@@ -106,7 +108,7 @@ def known_keys(path: KeyPath, draft: Draft) -> list[str]:
     return list(owner.model_fields) if _is_section(owner) else []
 
 
-def _owner_at(path: KeyPath, draft: Draft) -> Any:
+def _owner_at(path: KeyPath, draft: ScenarioDraft) -> Any:
     """Return what determines the keys at ``path``: a section, a slot or a named tuple, or None."""
     owner: Any = Scenario
     for depth, part in enumerate(path):
@@ -136,15 +138,15 @@ def _owner(parts: list[Any], given: Any) -> Any:
     if ListedObstacles in sections:
         listed = isinstance(given, Mapping) and "cells" in given
         return ListedObstacles if listed else DrawnObstacles
-    if DroneType in sections:
-        return DroneType if isinstance(given, list) else Drones
+    if NamedDrones in sections:
+        return NamedDrones if isinstance(given, list) else Drones
     return next((part for part in parts if _is_section(part) or _is_named_tuple(part)), None)
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
     yield annotation
     yield getattr(annotation, "__origin__", None)
-    if isinstance(annotation, Part):
+    if isinstance(annotation, ComponentField):
         yield as_field(annotation)
     if isinstance(annotation, NameOr):
         yield from _parts(annotation.form)

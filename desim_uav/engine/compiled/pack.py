@@ -19,7 +19,7 @@ from desim_uav.engine.compiled.components import (
     RADIO_SLOTS,
     SLOTS,
     TYPE_SLOTS,
-    Slot,
+    FunctionSlot,
     components_of,
     point_at,
     why_not_compiled,
@@ -48,7 +48,7 @@ def lacking(world: World) -> list[str]:
     """Return the reasons why the compiled engine cannot run a world, which are none if it can."""
     lacks = []
     keys = tuple(".".join(map(str, key)) for key in world.scenario.fleet_keys)
-    chosen: list[tuple[str, Slot, Any]] = []
+    chosen: list[tuple[str, FunctionSlot, Any]] = []
     for key, own in zip(keys, world.types, strict=True):
         chosen += [(f"{key}.{slot.key}", slot, slot.chosen(own)) for slot in TYPE_SLOTS]
     chosen += [(slot.key, slot, slot.chosen(world)) for slot in SLOTS]
@@ -173,7 +173,7 @@ def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
                         hops = np.concatenate((hops, np.empty((used, 3), np.int64)))
                     hops[first:used] = np.array(back.hops, np.int64).reshape(-1, 3)
                     plans[number, int(ceiling), (level * nx + x) * ny + y] = (
-                        *(back.station, back.duration_us, back.drained_us),
+                        *(back.station, back.duration_us, back.drain),
                         *(first, used),
                     )
     return plans.reshape(-1, 5), hops[:used]

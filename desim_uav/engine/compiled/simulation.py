@@ -18,8 +18,8 @@ from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.pack import begun_words, legs_of_step, pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.saving import Block
+from desim_uav.engine.courses import aims_of
 from desim_uav.engine.episode import Engine
-from desim_uav.engine.free import aims_of
 from desim_uav.engine.saved import Kept, Rows, SavedState, copied, write
 from desim_uav.engine.state import Buffers
 from desim_uav.errors import ScenarioError, SimulationError
@@ -29,7 +29,7 @@ from desim_uav.model.state import Snapshot
 from desim_uav.rowcode.code_digest import code_digest
 from desim_uav.rowcode.rows import Words, held_by, is_row, named
 from desim_uav.rowcode.views import View, array_of, dtype_of
-from desim_uav.rules.rows import Constants, Drone, Look, Plan, State, Station
+from desim_uav.rules.rows import Constants, Drone, LookRow, PlanRow, State, Station
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY, UNFINISHED
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.scenario.components import code_of, own_classes
@@ -147,7 +147,7 @@ class BatchSimulation(Engine):
 
     def plan(self, number: int) -> Any:
         """Return the planned return with this number."""
-        return named(Plan)._make(self.all_plans[number].tolist())
+        return named(PlanRow)._make(self.all_plans[number].tolist())
 
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
         """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
@@ -301,7 +301,7 @@ class BatchSimulation(Engine):
         if self.state.faults & LOST:
             mobility: Any = self.world.row_mobility
             model: Any = type(mobility)
-            at = State.places["look"] + Look.places["walking"]
+            at = State.places["look"] + LookRow.places["walking"]
             raise misstep(mobility, View(self.memory, walking_of(model), at))
 
     def check(self) -> None:

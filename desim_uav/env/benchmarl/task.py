@@ -12,7 +12,7 @@ from torchrl.data import Categorical, Composite
 from torchrl.envs import EnvBase, ObservationNorm, Transform
 
 from desim_uav.env.configure import Source, WorldSeed
-from desim_uav.env.tasks import Change, Curriculum
+from desim_uav.env.tasks import Curriculum, TaskChange
 from desim_uav.env.torchrl import GROUP, UavTorchEnv
 from desim_uav.policies.mlp import scaling_of
 
@@ -38,7 +38,7 @@ class UavTask(TaskClass):  # type: ignore[misc]
         world_seed: WorldSeed = "scenario",
         threads: int = 1,
         render_mode: str | None = None,
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
     ) -> Self:
         """Return the task of a scenario: a file, a shipped name, a mapping or a Scenario.
 

@@ -12,7 +12,15 @@ from typing import Any
 from desim_uav.errors import UsageError
 from desim_uav.experiment.bench import submission
 from desim_uav.experiment.bench.measure import Measured, measure
-from desim_uav.experiment.bench.tasks import BENCHMARK, ENGINE, EPISODES, STEPS, WARMUP, Task, Track
+from desim_uav.experiment.bench.tasks import (
+    BENCHMARK,
+    ENGINE,
+    EPISODES,
+    STEPS,
+    WARMUP,
+    BenchTrack,
+    Task,
+)
 from desim_uav.experiment.compare import out_of_place, try_on
 from desim_uav.experiment.interrupt import undisturbed
 from desim_uav.experiment.processes import run_each
@@ -20,7 +28,7 @@ from desim_uav.experiment.provenance import clock, versions
 from desim_uav.model.observations import information_of
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import as_seen, file_of
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.schema import Scenario
 
 OWN_KNOWLEDGE = {
@@ -51,7 +59,7 @@ class Submitted:
 
 def check(
     task: Task,
-    track: Track,
+    track: BenchTrack,
     policies: Sequence[str],
     seeds: Sequence[int],
     training_steps: int | None = None,
@@ -82,9 +90,9 @@ def within_budget(task: Task, training_steps: int | None) -> None:
 
 def submit(
     task: Task,
-    track: Track,
+    track: BenchTrack,
     policy: str | Sequence[str],
-    place: Place,
+    place: RunPlace,
     *,
     name: str | None = None,
     seeds: Sequence[int] = (),
@@ -123,7 +131,7 @@ def submit(
 
 
 def about(
-    task: Task, track: Track, policies: Sequence[str], name: str | None = None
+    task: Task, track: BenchTrack, policies: Sequence[str], name: str | None = None
 ) -> dict[str, Any]:
     """Return the entries of a manifest that do not depend on what was reached.
 
@@ -186,7 +194,7 @@ def policy_sha256(policy: str) -> str | None:
 
 def _measured(
     task: Task,
-    track: Track,
+    track: BenchTrack,
     policies: Sequence[str],
     seeds: Sequence[int],
     jobs: int,

@@ -35,7 +35,7 @@ STEPS = {"small": 1_000_000, "medium": 3_000_000, "large": 10_000_000}
 
 
 @dataclass(frozen=True)
-class Track:
+class BenchTrack:
     """Which worlds a policy is evaluated in.
 
     ``seeds`` draw the walks and requests, and the worlds too unless there is a ``world_seed``.
@@ -52,8 +52,12 @@ class Track:
 
 
 TRACKS = {
-    "one": Track("one", 0, range(100, 100 + SEEDS), "world 0, in which policies may be trained"),
-    "any": Track("any", None, WORLDS["test"][:SEEDS], "test worlds, in which none was trained"),
+    "one": BenchTrack(
+        "one", 0, range(100, 100 + SEEDS), "world 0, in which policies may be trained"
+    ),
+    "any": BenchTrack(
+        "any", None, WORLDS["test"][:SEEDS], "test worlds, in which none was trained"
+    ),
 }
 
 
@@ -80,7 +84,7 @@ class Task:
         """The first comment of the scenario file."""
         return self.path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
 
-    def scenario(self, track: Track) -> Scenario:
+    def scenario(self, track: BenchTrack) -> Scenario:
         """Return the scenario of a track. Raises ScenarioError if the file has been edited."""
         loaded = load(self.path)
         found = scenario_hash(loaded)
@@ -115,7 +119,7 @@ def find_task(name: str) -> Task:
     )
 
 
-def find_track(name: str) -> Track:
+def find_track(name: str) -> BenchTrack:
     """Return the track of a name. Raises UsageError."""
     if name not in TRACKS:
         raise UsageError(

@@ -14,10 +14,10 @@ import numpy as np
 
 from desim_uav.errors import DesimError
 from desim_uav.experiment.bench.bounds import CLOSE, bound_of
-from desim_uav.experiment.bench.measure import Commands, measure, replay
+from desim_uav.experiment.bench.measure import TimedCommands, measure, replay
 from desim_uav.experiment.bench.run import about
 from desim_uav.experiment.bench.submission import Submission
-from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, Task, Track
+from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, BenchTrack, Task
 from desim_uav.experiment.processes import run_each
 
 FIXED = {"engine": ENGINE, "episodes": EPISODES, "warmup": WARMUP}
@@ -56,9 +56,9 @@ def differences(
 
 def of_seed(
     task: Task,
-    track: Track,
+    track: BenchTrack,
     row: Mapping[str, Any],
-    commands: Commands,
+    commands: TimedCommands,
     ceiling: bool,
     policy: str | None = None,
 ) -> list[str]:
@@ -86,7 +86,7 @@ def of_seed(
     return said
 
 
-def _of_bound(task: Task, track: Track, row: Mapping[str, Any]) -> Sequence[str]:
+def _of_bound(task: Task, track: BenchTrack, row: Mapping[str, Any]) -> Sequence[str]:
     bound, given = bound_of(task, track, row["seed"]), row[BOUND]
     if (bound is None) is not (given is None) or (bound is not None and abs(bound - given) > CLOSE):
         return [f"{BOUND}: the folder has {_words(given)}, the task {_words(bound)}"]

@@ -20,7 +20,7 @@ from desim_uav.experiment.gallery import (
     wu_2018,
     zeng,
 )
-from desim_uav.experiment.gallery.row import Row
+from desim_uav.experiment.gallery.row import GalleryRow
 from desim_uav.experiment.progress import progress
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Entry:
     """A paper: how it is cited, its rows, and its figure."""
 
     paper: str
-    rows: Callable[[], Iterator[Row]]
+    rows: Callable[[], Iterator[GalleryRow]]
     draw: Callable[[], Figure] | None = None
 
 
@@ -110,7 +110,7 @@ class Compared:
 
     name: str
     paper: str
-    rows: tuple[Row, ...]
+    rows: tuple[GalleryRow, ...]
 
     def content(self) -> dict[str, Any]:
         """Return it as plain values."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.experiment.gallery.row import Row
+from desim_uav.experiment.gallery.row import GalleryRow
 from desim_uav.model.geometry.coverage import T0_US, VX, VY, all_walked
 from desim_uav.model.mobility.random_waypoint import RandomWaypoint
 from desim_uav.model.mobility.walking import Start
@@ -34,7 +34,7 @@ PAUSES_S = (0.0, 120.0)
 Floats = NDArray[np.float64]
 
 
-def decay_rows() -> Iterator[Row]:
+def decay_rows() -> Iterator[GalleryRow]:
     """Yield mean speeds of users who begin at uniform places with a walk, at first and at last."""
     for speeds, mean in EVALUATED.items():
         walks = walked(speeds, (0.0, 0.0), "home")
@@ -44,7 +44,7 @@ def decay_rows() -> Iterator[Row]:
         yield _row(f"{what} at {LAST_S:g} s", "closed form, evaluated apart", mean, last)
 
 
-def cure_rows() -> Iterator[Row]:
+def cure_rows() -> Iterator[GalleryRow]:
     """Yield what is known of users who begin as in the long run, at first and later."""
     for speeds, mean in EVALUATED.items():
         walks = walked(speeds, (0.0, 0.0), "stationary")
@@ -70,11 +70,11 @@ def cure_rows() -> Iterator[Row]:
         yield _row(what, "density 6 x (1 - x)", ON_A_LINE, away * away)
 
 
-def _row(figure: str, where: str, theirs: float, values: NDArray[np.generic]) -> Row:
+def _row(figure: str, where: str, theirs: float, values: NDArray[np.generic]) -> GalleryRow:
     """Return a row of a mean over users, which are independent of each other."""
     found = np.asarray(values, float)
     error = float(found.std(ddof=1)) / math.sqrt(len(found))
-    return Row(figure, where, theirs, float(found.mean()), 4.0 * error, 4)
+    return GalleryRow(figure, where, theirs, float(found.mean()), 4.0 * error, 4)
 
 
 @cache

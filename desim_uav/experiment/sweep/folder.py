@@ -20,7 +20,7 @@ from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.evaluate import ENERGY, MEASURES
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
-from desim_uav.experiment.sweep.job import Failure, Job, Outcome, Row
+from desim_uav.experiment.sweep.job import Failure, Job, JobOutcome, JobRow
 from desim_uav.experiment.sweep.plan import Given
 from desim_uav.lock import held
 from desim_uav.report.json_file import MOST_BYTES
@@ -83,7 +83,7 @@ class SweepFolder:
         except OSError as error:
             raise UsageError(f"--out {self.out}: {error.strerror or error}") from error
 
-    def rows(self, todo: Sequence[Job]) -> dict[str, Row]:
+    def rows(self, todo: Sequence[Job]) -> dict[str, JobRow]:
         """Return the rows of the jobs that have ended, by job. Damaged rows are left out."""
         found = {}
         for job in todo:
@@ -92,7 +92,7 @@ class SweepFolder:
                 found[job.id] = row
         return found
 
-    def keep(self, job: Job, outcome: Outcome) -> Row:
+    def keep(self, job: Job, outcome: JobOutcome) -> JobRow:
         """Store the row of a job that has ended, after the Q-table that it learned."""
         assert outcome.measures is not None, "the job has not failed"
         found = job.row(outcome.measures)
@@ -171,7 +171,7 @@ class SweepFolder:
     def _file(self, job: Job) -> Path:
         return self.out / RESULTS / f"{job.id}.parquet"
 
-    def _parquet(self, row: Row) -> bytes:
+    def _parquet(self, row: JobRow) -> bytes:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -181,7 +181,7 @@ class SweepFolder:
         return bytes(file.getvalue())
 
 
-def read_row(out: Path, columns: Mapping[str, str], job: str) -> Row | None:
+def read_row(out: Path, columns: Mapping[str, str], job: str) -> JobRow | None:
     """Return the row of a job, or None if it has not ended or its file is damaged."""
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -20,7 +20,7 @@ from desim_uav.experiment.sweep.folder import (
     read_manifest,
     read_row,
 )
-from desim_uav.experiment.sweep.job import Row
+from desim_uav.experiment.sweep.job import JobRow
 from desim_uav.parquet_file import no_such
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.report.text import word
@@ -39,7 +39,7 @@ class SweepResults:
 
     folder: Path
     manifest: dict[str, Any]
-    rows: Sequence[Row]
+    rows: Sequence[JobRow]
     failures: Sequence[dict[str, Any]]
     order: tuple[str, ...] = ()
     """The keys to show, in order; empty means all that vary, in the order of the sweep."""
@@ -82,7 +82,7 @@ class SweepResults:
         places: dict[str, dict[Any, int]] = {
             key: {value: k for k, value in enumerate(values)} for key, values in self.keys.items()
         }
-        groups: dict[tuple[int, ...], list[Row]] = {}
+        groups: dict[tuple[int, ...], list[JobRow]] = {}
         for row in self.rows:
             at = [places[key][row[key]] for key in self.keys]
             groups.setdefault((*at, self.policies.index(row["policy"])), []).append(row)
@@ -185,7 +185,7 @@ def _ordered(column: Iterable[Any]) -> list[Any]:
     return sorted(found) if all(map(_is_number, found)) else found
 
 
-def _rows(folder: Path, columns: Mapping[str, str], job: str) -> Iterator[Row]:
+def _rows(folder: Path, columns: Mapping[str, str], job: str) -> Iterator[JobRow]:
     """Yield the row of a job if it has ended. Raises PolicyError if its file is damaged."""
     file = folder / RESULTS / f"{job}.parquet"
     if re.fullmatch("[0-9a-f]+", job) is None:

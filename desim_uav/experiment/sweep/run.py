@@ -15,14 +15,14 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.sweep.folder import SweepFolder
 from desim_uav.experiment.sweep.grid import axes
-from desim_uav.experiment.sweep.job import Failure, Outcome, jobs, measured, run_job
+from desim_uav.experiment.sweep.job import Failure, JobOutcome, jobs, measured, run_job
 from desim_uav.experiment.sweep.on_ray import import_ray, ray_backend
 from desim_uav.experiment.sweep.plan import Asked, arms, warnings
 from desim_uav.experiment.sweep.table import Done
 
 BACKENDS = ("local", "ray")
 
-Backend = Callable[..., Generator[tuple[int, Outcome]]]
+Backend = Callable[..., Generator[tuple[int, JobOutcome]]]
 """Calls a function with the arguments of each task, on this machine or elsewhere (``run_each``)."""
 
 
@@ -65,7 +65,7 @@ def sweep_to_folder(
         if finished:
             say(f"{len(finished)} of {len(todo)} jobs had ended before")
         left = [job for job in todo if job.id not in finished]
-        ended = run(run_job, [(job, __version__) for job in left], died=Outcome.failed)
+        ended = run(run_job, [(job, __version__) for job in left], died=JobOutcome.failed)
         try:
             with progress(show_progress, len(left), "jobs", "batch") as advance, closing(ended):
                 for number, outcome in ended:

@@ -16,7 +16,7 @@ from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate
 from desim_uav.experiment.sweep.folder import FAILED
 from desim_uav.experiment.sweep.grid import Axis
-from desim_uav.experiment.sweep.job import Failure, Job, Row, measured
+from desim_uav.experiment.sweep.job import Failure, Job, JobRow, measured
 from desim_uav.experiment.sweep.plan import Arm
 from desim_uav.report import notebook
 from desim_uav.report.intervals import mean_words, sentence
@@ -44,7 +44,7 @@ class Done:
     out: Path
     axes: Sequence[Axis]
     jobs: Sequence[Job]
-    rows: Sequence[Row]
+    rows: Sequence[JobRow]
     failures: Sequence[Failure]
     interrupted: bool
 
@@ -172,7 +172,7 @@ class Done:
     def _estimates(self) -> list[tuple[Arm, dict[str, Estimate]]]:
         """Return for each arm the estimates of its measures over the seeds that have ended."""
         row_of = {row["job"]: row for row in self.rows}
-        of_arm: dict[int, tuple[Arm, list[Row]]] = {}
+        of_arm: dict[int, tuple[Arm, list[JobRow]]] = {}
         for job in self.jobs:
             _, found = of_arm.setdefault(id(job.arm), (job.arm, []))
             found += [row_of[job.id]] if job.id in row_of else []

@@ -20,7 +20,7 @@ from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.components import (
     Compiled,
     Function,
-    Values,
+    ValuesAt,
     call_at,
     compiled_or_none,
     kind_of,
@@ -369,7 +369,7 @@ def _asking_of(demand: Any) -> Any:
     return row(type("Asking", (Row,), {"__annotations__": kinds}))
 
 
-def _around(cls: Any, values_at: Values) -> Any:
+def _around(cls: Any, values_at: ValuesAt) -> Any:
     """Return the function ``draw`` of a class of models (see ``Function.around``)."""
     ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous))
     draw_all, owner = ruled(_draw_by(ask, held, put_back)), owner_of(cls)

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Le, Lt, MaxLen, MinLen
 
 from desim_uav.model.demand.asking import NO_MORE_US, RowDemand, ask_for_mix
-from desim_uav.model.demand.demand import PAPER_MIX, Nothing, Weight, too_few
+from desim_uav.model.demand.demand import PAPER_MIX, MixWeight, Nothing, too_few
 from desim_uav.model.random.streams import uniform
 from desim_uav.model.rules import US
 from desim_uav.registry import Checked, register
@@ -63,7 +63,7 @@ class DayProfile(RowDemand):
     """The hour of the day at which an episode begins."""
     none: Nothing = 0.0
     """The probability that an arrival is no request."""
-    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    mix: dict[str, MixWeight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
     none.
     """

@@ -55,7 +55,7 @@ class Demand(Protocol):
         """
 
 
-Weight = Annotated[float, Ge(0)]
+MixWeight = Annotated[float, Ge(0)]
 Nothing = Annotated[float, Ge(0), Le(0.999)]
 """The probability that a draw asks for nothing: rarely enough that the draws come to an end."""
 
@@ -102,7 +102,7 @@ class Static(RowDemand):
 
     none: Annotated[float, Ge(0), Le(1)] = 0.0
     """The probability that a user asks for nothing."""
-    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    mix: dict[str, MixWeight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
     none.
     """
@@ -132,7 +132,7 @@ class Dynamic(RowDemand):
     """
     none: Nothing = 0.0
     """The probability that a draw is no request but another think time."""
-    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    mix: dict[str, MixWeight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
     none.
     """
@@ -165,7 +165,7 @@ class Poisson(RowDemand):
     """The mean number of arrivals per user and hour."""
     none: Nothing = 0.0
     """The probability that an arrival is no request."""
-    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    mix: dict[str, MixWeight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
     none.
     """

@@ -16,7 +16,7 @@ from desim_uav.model.energy.battery import (
     LONGEST_MIN,
     Energy,
     capacity_of,
-    charged_us,
+    charge_after,
     in_joules,
     time_to_full_us,
 )
@@ -80,7 +80,7 @@ class Constant(RowCharging):
     def charged(self, battery: int, elapsed_us: int, capacity: int) -> int:
         """Return the charge, which rises linearly up to the capacity."""
         full_charge_us = round(self.full_charge_min * 60 * US)
-        return int(charged_us(battery, elapsed_us, capacity, full_charge_us))
+        return int(charge_after(battery, elapsed_us, capacity, full_charge_us))
 
     def until_full_us(self, battery: int, capacity: int) -> int:
         """Return the share of a full charge that is missing."""

@@ -93,14 +93,14 @@ class FixedWing(RowEnergy):
         """Return the energy used in µJ, rounded down."""
         return used_uj(self, flight, elapsed_us)
 
-    def lasts(self, flight: Transit, battery_us: int) -> int:
+    def lasts(self, flight: Transit, charge: int) -> int:
         """Return the time until the energy used reaches the battery, rounded up."""
         least_us, most_us = -1, int(flight.duration_us)
-        while used_uj(self, flight, most_us) < battery_us:
+        while used_uj(self, flight, most_us) < charge:
             least_us, most_us = most_us, 2 * most_us + US
         while most_us - least_us > 1:
             middle_us = (least_us + most_us) // 2
-            if used_uj(self, flight, middle_us) < battery_us:
+            if used_uj(self, flight, middle_us) < charge:
                 least_us = middle_us
             else:
                 most_us = middle_us

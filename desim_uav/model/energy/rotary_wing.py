@@ -1,7 +1,7 @@
 """The battery of a rotary-wing drone: flights take energy that depends on speeds and climbs.
 
 The battery is measured in microjoules: where other batteries have microseconds of autonomy, names
-such as ``battery_us`` stand for microjoules here.
+such as ``charge`` stand for microjoules here.
 """
 
 from __future__ import annotations
@@ -183,7 +183,7 @@ class RotaryWing(RowEnergy):
         """Return the energy used in µJ, rounded down."""
         return used_uj(self, flight, elapsed_us)
 
-    def lasts(self, flight: Transit, battery_us: int) -> int:
+    def lasts(self, flight: Transit, charge: int) -> int:
         """Return the time until the energy used reaches the battery, rounded up to a microsecond.
 
         The energy rises with time, so the microsecond is found by halving an interval. If the
@@ -191,17 +191,17 @@ class RotaryWing(RowEnergy):
         """
         least_us, most_us = -1, int(flight.duration_us)
         used = used_uj(self, flight, most_us)
-        if used < battery_us:
-            rests_us = (battery_us - used) / hovering_w(self, flight)
+        if used < charge:
+            rests_us = (charge - used) / hovering_w(self, flight)
             near_us = most_us + int(min(rests_us, LONGEST_US))
             least_us, most_us = near_us - 1, near_us
-            while used_uj(self, flight, most_us) < battery_us and most_us < LONGEST_US:
+            while used_uj(self, flight, most_us) < charge and most_us < LONGEST_US:
                 least_us, most_us = most_us, most_us + 1 + (most_us - near_us) // NEAR_US
-            while used_uj(self, flight, least_us) >= battery_us:
+            while used_uj(self, flight, least_us) >= charge:
                 least_us, most_us = least_us - 1 - (near_us - least_us) // NEAR_US, least_us
         while most_us - least_us > 1:
             middle_us = (least_us + most_us) // 2
-            if used_uj(self, flight, middle_us) < battery_us:
+            if used_uj(self, flight, middle_us) < charge:
                 least_us = middle_us
             else:
                 most_us = middle_us

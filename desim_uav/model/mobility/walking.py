@@ -36,7 +36,7 @@ from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of, poin
 from desim_uav.rowcode.components import (
     Compiled,
     Function,
-    Values,
+    ValuesAt,
     call_at,
     compiled_or_none,
     over_rows,
@@ -212,7 +212,7 @@ def walking_of(mobility: Any) -> Any:
     return row(type("Walking", (Row,), {"__annotations__": kinds}))
 
 
-def _around(cls: Any, values_at: Values) -> Any:
+def _around(cls: Any, values_at: ValuesAt) -> Any:
     """Return the function ``walk`` of a class of models (see ``Function.around``)."""
     walk_on = ruled(walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back))
     begin_all, words = ruled(begin_by(ruled(cls.begin))), remembering(Walker, cls).words

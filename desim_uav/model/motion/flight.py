@@ -6,8 +6,8 @@ import numpy as np
 
 from desim_uav.model.geometry.prisms import Prisms, first_entry
 from desim_uav.model.motion.legs import (
-    Bounds,
     FreeLeg,
+    LegBounds,
     along,
     commanded,
     direction,
@@ -24,7 +24,7 @@ def step_leg(
     limits: Limits,
     wind: Wind,
     cruise_mps: float,
-    bounds: Bounds,
+    bounds: LegBounds,
     prisms: Prisms,
     lasts_s: float,
     at: Point,

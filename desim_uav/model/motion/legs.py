@@ -48,7 +48,7 @@ class FreeLeg(NamedTuple):
     duration_us: int
 
 
-class Bounds(NamedTuple):
+class LegBounds(NamedTuple):
     """Where drones may be: x from 0 to ``width_m``, y from 0 to ``depth_m``, and z between."""
 
     width_m: float
@@ -141,7 +141,7 @@ def commanded(
     limits: Limits,
     wind: Wind,
     cruise_mps: float,
-    bounds: Bounds,
+    bounds: LegBounds,
     lasts_s: float,
     at: Point,
     command: Point,

@@ -376,7 +376,7 @@ def _trapezoid(distance: float, speed: float, acceleration: float, duration: flo
     return Transit(profile, round(duration * US), distance)
 
 
-class Leg(NamedTuple):
+class TransitLeg(NamedTuple):
     """A transit between two positions (x, y, altitude in metres), followed by a hover there."""
 
     transit: Transit

@@ -220,7 +220,7 @@ class _Finder:
         if leg.distance_m == 0.0:
             return 0, 0
         flight = flight_of(leg, self.wind)
-        return flight.duration_us, int(self.energy.drained_us(flight, flight.duration_us))
+        return flight.duration_us, int(self.energy.drain_of(flight, flight.duration_us))
 
 
 def _at(ways: Roads, node: int) -> Point:

@@ -21,7 +21,7 @@ from desim_uav.model.radio.link import (
 from desim_uav.model.radio.path_loss import AlHourani, RowPathLoss
 from desim_uav.model.radio.rings import rings
 from desim_uav.model.sharing import RowSharing
-from desim_uav.registry import NameOr, Part, register, resolve
+from desim_uav.registry import ComponentField, NameOr, register, resolve
 
 MILLION = 1_000_000
 MOST_REUSE = 100
@@ -127,8 +127,8 @@ class LinkClasses:
     """The noise of the receiver beyond thermal noise, in dB."""
     noise_dbm_per_hz: Annotated[float, Ge(-300), Le(0)] = -174.0
     """The density of the thermal noise, in dBm/Hz."""
-    path_loss: Annotated[RowPathLoss, Part("path_loss", "al_hourani", RowPathLoss)] = field(
-        default_factory=lambda: AlHourani("urban")
+    path_loss: Annotated[RowPathLoss, ComponentField("path_loss", "al_hourani", RowPathLoss)] = (
+        field(default_factory=lambda: AlHourani("urban"))
     )
     """The loss of power between drone and user."""
     line_of_sight: Literal["mean", "drawn", "buildings"] = "mean"
@@ -153,8 +153,8 @@ class LinkClasses:
         "none"
     )
     """`co_channel`: all drones share a band. `{reuse: n}`: those of the same index modulo n do."""
-    sharing: Annotated[RowSharing, Part("sharing", "held", RowSharing, by_name=True)] = field(
-        default_factory=_held
+    sharing: Annotated[RowSharing, ComponentField("sharing", "held", RowSharing, by_name=True)] = (
+        field(default_factory=_held)
     )
     """How transfers share the bandwidth that other requests leave."""
 

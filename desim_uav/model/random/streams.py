@@ -156,11 +156,11 @@ def _seeded_states(
     return states
 
 
-State = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+StreamState = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
 
 @kernel
-def advanced(state: State) -> tuple[np.uint64, State]:
+def advanced(state: StreamState) -> tuple[np.uint64, StreamState]:
     """Return the next 64 bits of an SFC64 state, and the state after them."""
     a, b, c, counter = state
     word: np.uint64 = a + b + counter

@@ -64,7 +64,7 @@ class Alone(NamedTuple):
     may_wait: bool = True
 
 
-class Plan(NamedTuple):
+class LonePlans(NamedTuple):
     """The values of states at the start of a run, and the decision in every state.
 
     ``airborne`` (places, J) are the values in the air, and ``landed`` (S,) those with a full
@@ -95,7 +95,7 @@ def alone_of(kind: DroneType, step_us: int, steps: int) -> Alone:
         _refuse_other_batteries(kind)
     nx, ny = kind.grid.cells
     drain = drain_of(kind, step_us)
-    begun = -(-kind.capacity_us // drain.least) if kind.limited else 1
+    begun = -(-kind.capacity // drain.least) if kind.limited else 1
     if steps * nx * ny * begun > LARGEST:
         raise UsageError(
             f"map.cells: {steps} steps by {nx} x {ny} cells by {begun} levels of the battery are "
@@ -124,9 +124,9 @@ def drain_of(kind: DroneType, step_us: int) -> Drain:
     """Return what a step of serving flight takes from the battery of a type."""
     battery: Any = kind.drones.battery
     if type(battery) is not RotaryWing:
-        return Drain(step_us, step_us, kind.full_us == kind.capacity_us)
+        return Drain(step_us, step_us, kind.full == kind.capacity)
     used = [
-        int(battery.drained_us(flight, step_us))
+        int(battery.drain_of(flight, step_us))
         for flight in (kind.rest, *kind.epoch_transits.values())
     ]
     return Drain(max(1, min(used) - ROUNDED), max(used) + ROUNDED, False)
@@ -154,7 +154,7 @@ def _refuse_other_batteries(kind: DroneType) -> None:
 
 def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun: int) -> Alone:
     drain, ny = drain_of(kind, step_us), kind.grid.cells[1]
-    left = kind.capacity_us - np.arange(begun) * drain.least
+    left = kind.capacity - np.arange(begun) * drain.least
 
     def steps_of(duration_us: int) -> int:
         return max(1, -(-duration_us // step_us))
@@ -169,7 +169,7 @@ def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun
             flown_us = abs(dx) * x_us + abs(dy) * y_us
             for j in range(begun):
                 arrives_with = int(left[j]) - abs(dx) * taken_x - abs(dy) * taken_y
-                may_return = kind.full_us - j * drain.most <= kind.return_below_us
+                may_return = kind.full - j * drain.most <= kind.return_charge
                 if may_return and arrives_with >= 0:
                     home[cell, s, j] = steps_of(flown_us + kind.until_full_us(arrives_with))
     charge = np.array([steps_of(kind.until_full_us(int(each))) for each in left])
@@ -178,7 +178,7 @@ def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun
     battery: Any = kind.drones.battery
     even = type(battery) is Endurance and drain.exact
     crash = np.array([steps_of(int(each) * even + kind.respawn_after_us) for each in left])
-    doomed = min(begun, max(1, -(-kind.full_us // drain.most))) - 1
+    doomed = min(begun, max(1, -(-kind.full // drain.most))) - 1
     return Alone(ahead, np.arange(len(ahead)), stations, charge, home, crash, doomed, True)
 
 
@@ -193,7 +193,7 @@ def _hop(kind: DroneType, axis: tuple[int, int, int]) -> tuple[int, int]:
     battery: Any = kind.drones.battery
     if type(battery) is not RotaryWing:
         return flight.duration_us, flight.duration_us
-    return flight.duration_us, battery.drained_us(flight, flight.duration_us) - ROUNDED
+    return flight.duration_us, battery.drain_of(flight, flight.duration_us) - ROUNDED
 
 
 @maker
@@ -202,7 +202,7 @@ def leg_number(decision: int) -> int:
     return decision if decision >= 0 else -1 - decision
 
 
-def best_alone(alone: Alone, paid: NDArray[np.float64], steps: int) -> Plan:
+def best_alone(alone: Alone, paid: NDArray[np.float64], steps: int) -> LonePlans:
     """Return what is best for a drone that is paid for each leg in each step.
 
     ``paid`` has the shape (steps, cells, 5), or (1, cells, 5) if all steps pay the same.
@@ -213,7 +213,7 @@ def best_alone(alone: Alone, paid: NDArray[np.float64], steps: int) -> Plan:
     waits = np.zeros((steps, len(alone.stations)), np.bool_)
     resumes = np.zeros(steps + longest, np.int16)
     airborne, landed = _induce(alone, paid, longest, decisions, waits, resumes)
-    return Plan(airborne, landed, decisions, waits, resumes)
+    return LonePlans(airborne, landed, decisions, waits, resumes)
 
 
 @maker
@@ -324,7 +324,7 @@ def _offer_doomed(
 
 def follow(
     alone: Alone,
-    plan: Plan,
+    plan: LonePlans,
     shares: Shares,
     begin: int,
     start: int,
@@ -345,7 +345,7 @@ def follow(
 @maker
 def _follow(
     alone: Alone,
-    plan: Plan,
+    plan: LonePlans,
     shares: Shares,
     begin: int,
     place: int,

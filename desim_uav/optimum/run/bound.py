@@ -20,8 +20,8 @@ from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.optimum.run.alone import ANYWHERE, alone_of, drain_of
 from desim_uav.optimum.run.covered import Covered
 from desim_uav.optimum.run.legs import shares_of
-from desim_uav.optimum.run.prices import Alike, Fleet, lowest_bound
-from desim_uav.optimum.run.schedule import TURNS, Team
+from desim_uav.optimum.run.prices import Fleet, SamePrices, lowest_bound
+from desim_uav.optimum.run.schedule import TURNS, TeamSchedule
 from desim_uav.optimum.run.served import Served, asked_in
 from desim_uav.sample_path import draw
 from desim_uav.world import World
@@ -61,7 +61,7 @@ class RunBound:
         return 100.0 * (self.qoe3_at_most_percent / self.schedule_qoe3_percent - 1.0)
 
 
-class Run:
+class BoundedRun:
     """A run of a world on the sample paths of a seed, without warm-up.
 
     Raises ScenarioError if the model is not the paper's, and UsageError, with the key, if the run
@@ -87,7 +87,7 @@ class Run:
         else:
             walks, kept = [path.walks for path in self.paths], steps
         types = [
-            Alike(
+            SamePrices(
                 alone_of(kind, world.step_us, stretch),
                 shares_of(world, kind, walks, kept, on_work),
                 _starts(world, kind),
@@ -160,7 +160,7 @@ class Run:
         episodes = stretch // self.world.scenario.episode.steps
         for number in range(self.steps // stretch):
             (own,) = self.fleet.types
-            team = Team(self.world, own.alone, own.shares, number * stretch, stretch)
+            team = TeamSchedule(self.world, own.alone, own.shares, number * stretch, stretch)
             team.improve(turns, self.on_work)
             reached += team.play(self.paths[number * episodes : (number + 1) * episodes])
         return float(np.mean(reached))

@@ -55,7 +55,7 @@ class Measure(Protocol):
         """Return the bound, if all drones together earn at most ``earned`` at these prices."""
 
 
-class Alike(NamedTuple):
+class SamePrices(NamedTuple):
     """The drones of a type in a run: what each can do, and whom each leg covers.
 
     ``starts`` says how many begin in which cell with a full battery, or ANYWHERE.
@@ -72,7 +72,7 @@ class Fleet(NamedTuple):
     All of them begin anew after every ``steps`` steps; the run may have several such stretches.
     """
 
-    types: Sequence[Alike]
+    types: Sequence[SamePrices]
     steps: int
 
     @property

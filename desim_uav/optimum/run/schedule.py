@@ -22,7 +22,7 @@ from desim_uav.optimum.run.alone import (
     CHARGE,
     LARGEST,
     Alone,
-    Plan,
+    LonePlans,
     best_alone,
     follow,
     leg_number,
@@ -39,7 +39,7 @@ TURNS = 6
 """The number of times that each drone is given new flights."""
 
 
-class Team:
+class TeamSchedule:
     """The drones of a world, which begin at their starts, with plans for so many steps.
 
     The first of them is step ``begin`` of the shares.
@@ -53,7 +53,7 @@ class Team:
         self.number = {node: k for k, node in enumerate(self.nodes)}
         self.starts = [self.number[(*cell, 0)] for cell in world.starts]
         self.alone = self._alone(relaxed)
-        self.plans: list[Plan | None] = [None] * len(self.starts)
+        self.plans: list[LonePlans | None] = [None] * len(self.starts)
         self.covered = np.zeros((len(self.starts), steps, len(world.homes)))
 
     def _alone(self, relaxed: Alone) -> Alone:
@@ -127,7 +127,7 @@ class Team:
         j = 0
         if self.alone.limited:
             left_us = round((seen.battery_s or 0.0) * US)
-            j = (self.world.only_type.capacity_us - left_us) // self.world.step_us
+            j = (self.world.only_type.capacity - left_us) // self.world.step_us
         decision = int(plan.decisions[step, at, j])
         if decision == CHARGE:
             return Action.CHARGE, at

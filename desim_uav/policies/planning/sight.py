@@ -28,7 +28,7 @@ class Standing(NamedTuple):
     begins: int = 0
 
 
-class Sight(NamedTuple):
+class PlanningSight(NamedTuple):
     """The users' places (users, 2) in metres and who has an open request (users,), and the drones.
 
     ``left`` is the number of steps that are left of the episode. ``future_m`` (left, users, 2) are
@@ -59,13 +59,13 @@ class Sight(NamedTuple):
         return places_m, spread_m
 
 
-def look(engine: Engine, ground: Ground, observations: Any) -> Sight:
+def look(engine: Engine, ground: Ground, observations: Any) -> PlanningSight:
     """Return what a planner sees now."""
     _, users_m = engine.positions_m()
     states = [state >= UserState.OPEN for state in engine.user_states()]
     left = ground.world.scenario.episode.steps - observations[0].step
     places = np.ascontiguousarray(users_m[:, :2])
-    return Sight(left, places, np.array(states), _drones(engine, ground, observations))
+    return PlanningSight(left, places, np.array(states), _drones(engine, ground, observations))
 
 
 def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing, ...]:
@@ -78,13 +78,13 @@ def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing
         if seen.mode in DECIDES:
             found[drone.index] = _free(ground, drone, seen)
         elif seen.mode is Mode.RETURNING:
-            lands_us, (x, y), battery_us = _lands(engine, ground, drone, seen)
+            lands_us, (x, y), charge = _lands(engine, ground, drone, seen)
             station = _station(ground, x, y)
-            landings.append((lands_us, 0, station, battery_us, drone.index))
+            landings.append((lands_us, 0, station, charge, drone.index))
         elif seen.mode in IN_QUEUE:
-            battery_us = seen.battery_s * ground.world.only_type.per_second
+            charge = seen.battery_s * ground.world.only_type.drain_per_s
             station = ground.world.stations.index((drone.x, drone.y))
-            landings.append((-1, places[drone.index], station, battery_us, drone.index))
+            landings.append((-1, places[drone.index], station, charge, drone.index))
         else:
             found[drone.index] = Standing(NO_WAY, 0, 0)
     found.update(_charges(ground, sorted(landings)))
@@ -93,11 +93,11 @@ def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing
 
 def _free(ground: Ground, drone: Any, seen: Observation) -> Standing:
     """Return the standing of a drone that decides now."""
-    battery_us = ground.unit_us
+    charge = ground.charge_unit
     if seen.battery_s is not None:
-        battery_us = round(seen.battery_s * ground.world.only_type.per_second)
+        charge = round(seen.battery_s * ground.world.only_type.drain_per_s)
     level = min(drone.level, ground.world.grid.levels(True) - 1)
-    units = min(battery_us // ground.unit_us, ground.full)
+    units = min(charge // ground.charge_unit, ground.full)
     return Standing(0, ground.number(drone.x, drone.y, level), units)
 
 
@@ -114,7 +114,7 @@ def _lands(
     for dx, dy, up in engine.hops(drone.route, drone.route_end):
         lands_us += world.only_type.return_transits[int(dx), int(dy), int(up)].duration_us
         x, y = x + dx, y + dy
-    left = ((seen.battery_s or 0.0) * 1e6 - lands_us) * (world.only_type.per_second / US)
+    left = ((seen.battery_s or 0.0) * 1e6 - lands_us) * (world.only_type.drain_per_s / US)
     return lands_us, (int(x), int(y)), left
 
 
@@ -131,8 +131,8 @@ def _charges(
     world, found = ground.world, {}
     pads = world.scenario.stations.pads
     free_us: list[list[int]] = [[0] * pads for _ in world.stations]
-    for lands_us, _, station, battery_us, drone in landings:
-        takes_us = world.only_type.until_full_us(int(max(battery_us, 0.0)))
+    for lands_us, _, station, charge, drone in landings:
+        takes_us = world.only_type.until_full_us(int(max(charge, 0.0)))
         pad = free_us[station].index(min(free_us[station]))
         begins_us = max(lands_us, free_us[station][pad], 0)
         free_us[station][pad] = begins_us + takes_us

@@ -14,7 +14,7 @@ from desim_uav.model.state import Observation
 from desim_uav.policies.planning.best_plan import free_steps, plan_of, values_of
 from desim_uav.policies.planning.cover import covered_shares, gains
 from desim_uav.policies.planning.ground import Ground
-from desim_uav.policies.planning.sight import Sight
+from desim_uav.policies.planning.sight import PlanningSight
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -52,14 +52,14 @@ def horizon_of(ground: Ground, habits: Habits) -> int:
     return min(habits.horizon, most)
 
 
-class Team:
+class TeamPlanner:
     """The plans of all drones from one decision epoch on.
 
     ``plans`` (drones, steps, 2) has the action and the place of each drone and step (see
     ``best_plan.plan_of``).
     """
 
-    def __init__(self, ground: Ground, sight: Sight, habits: Habits) -> None:
+    def __init__(self, ground: Ground, sight: PlanningSight, habits: Habits) -> None:
         self.ground, self.sight = ground, sight
         world = ground.world
         self.goes_on = world.scenario.episode.carry_over

@@ -57,8 +57,8 @@ def battery_figure(
     playback, modes = Playback(run, episode), set[Mode]()
     for axes, (number, battery) in zip(panels, held.items(), strict=True):
         own = run.world.type_of(number)
-        of_second, unit = (own.per_second / WH_UJ, "Wh") if own.in_joules else (1 / 60, "min")
-        full = own.capacity_us * of_second / own.per_second
+        of_second, unit = (own.drain_per_s / WH_UJ, "Wh") if own.in_joules else (1 / 60, "min")
+        full = own.capacity * of_second / own.drain_per_s
         t_s, left_s = playback.batteries[number]
         colour = drone_look(number)["color"]
         axes.plot(t_s / 60, left_s * of_second, "-", color=colour, path_effects=[HALO], zorder=3)

@@ -16,9 +16,9 @@ from desim_uav.model.energy.battery import in_joules
 from desim_uav.model.motion.limits import CALM
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.rules import US, Action, kind_of
-from desim_uav.report.figures.free_energy import draw_free_legs, draw_per_metre
+from desim_uav.report.figures.straight_legs import draw_free_legs, draw_per_metre
 from desim_uav.report.figures.style import COLOURS, Figure, headed, styled
-from desim_uav.report.free_legs import FreeLegs
+from desim_uav.report.straight_legs import FreeLegs
 from desim_uav.world import World
 
 POINTS = 400
@@ -40,7 +40,7 @@ MOST_ROWS = 8
 """The largest number of rows of panels: two of a type that flies freely, else one."""
 
 
-class Alike(NamedTuple):
+class SameFlights(NamedTuple):
     """Types of drones that have the same motion and battery, by their names and the first one."""
 
     names: tuple[str, ...]
@@ -97,7 +97,7 @@ def energy_figure(world: World, drone: int | None = None) -> Figure:
     return figure
 
 
-def _types(world: World, drone: int | None) -> tuple[list[Alike], dict[str, str]]:
+def _types(world: World, drone: int | None) -> tuple[list[SameFlights], dict[str, str]]:
     """Return the types to draw, and the batteries of the others, by name."""
     numbers = range(len(world.types))
     if drone is not None:
@@ -107,7 +107,7 @@ def _types(world: World, drone: int | None) -> tuple[list[Alike], dict[str, str]
                 f"--drone {drone}: {world.scenario.name} has the drones 0 to {count - 1}"
             )
         numbers = range(world.type_numbers[drone], world.type_numbers[drone] + 1)
-    shown: list[Alike] = []
+    shown: list[SameFlights] = []
     others: dict[str, str] = {}
     for number in numbers:
         own, name = world.types[number], world.scenario.type_names[number]
@@ -119,19 +119,19 @@ def _types(world: World, drone: int | None) -> tuple[list[Alike], dict[str, str]
             continue
         for k, (names, first) in enumerate(shown):
             if (first.drones.motion, first.drones.battery) == (own.drones.motion, battery):
-                shown[k] = Alike((*names, name), first)
+                shown[k] = SameFlights((*names, name), first)
                 break
         else:
-            shown.append(Alike((name,), own))
+            shown.append(SameFlights((name,), own))
     return shown, others
 
 
-def _capacity(alike: Alike) -> str:
+def _capacity(alike: SameFlights) -> str:
     battery: Any = alike.own.drones.battery
     return f"{battery.capacity_wh:g} Wh"
 
 
-def _draw_type(figure: FigureBase, alike: Alike) -> None:
+def _draw_type(figure: FigureBase, alike: SameFlights) -> None:
     """Draw the panels of a type of drones."""
     own = alike.own
     if own.free:
@@ -206,12 +206,12 @@ def legs_j(own: DroneType) -> dict[str, float]:
     scenario = own.scenario
     step_us, calm = round(scenario.episode.step_s * US), scenario.wind_mps == CALM
     rest = own.rest
-    found = {f"hover, {step_us / US:g} s": energy.drained_us(rest, step_us) / 1e6}
+    found = {f"hover, {step_us / US:g} s": energy.drain_of(rest, step_us) / 1e6}
     for action, flight in own.epoch_transits.items():
         if calm and kind_of(action) in (Action.BACKWARD, Action.LEFT):
             continue  # which take what their opposites take
         rest_us = max(0, step_us - flight.duration_us)
-        used = energy.drained_us(flight, flight.duration_us) + energy.drained_us(rest, rest_us)
+        used = energy.drain_of(flight, flight.duration_us) + energy.drain_of(rest, rest_us)
         found[f"{action.name.lower()}, {step_us / US:g} s"] = used / 1e6
     names = {(1, 0, 0): "along x", (-1, 0, 0): "along -x", (0, 1, 0): "along y"}
     names |= {(0, -1, 0): "along -y", (0, 0, 1): "up", (0, 0, -1): "down"}
@@ -222,7 +222,7 @@ def legs_j(own: DroneType) -> dict[str, float]:
         if not hop[2] or scenario.three_d:
             seconds = flight.duration_us / US
             found[f"return {name}, {seconds:.3g} s"] = (
-                energy.drained_us(flight, flight.duration_us) / 1e6
+                energy.drain_of(flight, flight.duration_us) / 1e6
             )
     return found
 

@@ -186,9 +186,9 @@ class Reading:
     def _legal(self, drone: int, battery_min: int | None, level: int | None) -> NDArray[np.bool_]:
         """Return (nx, ny, actions): the actions that are allowed in flight."""
         world, own = self.world, self.world.type_of(drone)
-        battery_us = None if battery_min is None else battery_min * 60 * own.per_second
-        may_return = battery_us is not None and battery_us <= own.return_below_us
-        full = battery_us is None or battery_us >= own.full_us
+        charge = None if battery_min is None else battery_min * 60 * own.drain_per_s
+        may_return = charge is not None and charge <= own.return_charge
+        full = charge is None or charge >= own.full
         elsewhere = mask(world.actions, Mode.FLYING, may_return, False)
         legal = np.tile(np.array(elsewhere), (*world.grid.cells, 1))
         if not full and not level:

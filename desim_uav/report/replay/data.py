@@ -10,7 +10,7 @@ import numpy as np
 
 from desim_uav.model.rules import GROUNDED, US, Action, AtSpeed, Mode, Phase
 from desim_uav.records import EPISODES
-from desim_uav.report.batteries import batteries_before_us, battery_curve
+from desim_uav.report.batteries import battery_curve, charges_before
 from desim_uav.report.links import full_service_s, links_content, mean_rate_bps
 from desim_uav.report.replay.checks import Checks, Whole, whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, pack, plain
@@ -211,7 +211,7 @@ class Encoder:
             return {}
         counts, times, values = [], [], []
         steps, legs = tables["steps"], tables["legs"]
-        begins_with = batteries_before_us(self.run, number)
+        begins_with = charges_before(self.run, number)
         for drone, drone_type in enumerate(self.types):
             if not drone_type.limited:
                 counts.append(0)
@@ -219,7 +219,7 @@ class Encoder:
             own = steps[steps["drone"] == drone].sort_values("step")
             self.check.us(own, "steps", "battery_s", 0)
             records = [
-                (round(t_s * US), round(left_s * drone_type.per_second))
+                (round(t_s * US), round(left_s * drone_type.drain_per_s))
                 for t_s, left_s in zip(own["t_s"], own["battery_s"], strict=True)
             ]
             mine = (events["drone"] == drone) & (events["user"] < 0)

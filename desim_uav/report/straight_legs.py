@@ -14,7 +14,7 @@ from typing import NamedTuple
 from desim_uav.drone_type import DroneType
 from desim_uav.model.energy.battery import Energy
 from desim_uav.model.motion.flight import chosen_mps, no_faster
-from desim_uav.model.motion.legs import Bounds, FreeLeg, commanded, direction, leg_between
+from desim_uav.model.motion.legs import FreeLeg, LegBounds, commanded, direction, leg_between
 from desim_uav.model.motion.limits import CALM, Limits, Wind
 from desim_uav.model.motion.motion import Transit, fastest
 from desim_uav.model.motion.space import ANY_SPEED, NO_CHOICE, flight_of
@@ -23,7 +23,7 @@ from desim_uav.model.rules import US
 
 ORIGIN: Point = (0.0, 0.0, 0.0)
 
-UNBOUNDED = Bounds(1e9, 1e9, -1e9, 1e9)
+UNBOUNDED = LegBounds(1e9, 1e9, -1e9, 1e9)
 """A map on which no leg from the origin along x ends at an edge."""
 
 
@@ -192,7 +192,7 @@ class FreeLegs:
         """Return what a leg takes, in joules; NaN if it cannot be flown."""
         if leg.duration_us < 0:
             return math.nan
-        return self.battery.drained_us(self.flight(way, leg), leg.duration_us) / 1e6
+        return self.battery.drain_of(self.flight(way, leg), leg.duration_us) / 1e6
 
     def step_j(self, way: Way, length_m: float) -> float:
         """Return what a step takes that begins with a leg and ends with a hover, in joules."""
@@ -209,7 +209,7 @@ class FreeLegs:
         return found
 
     def _hover_j(self, lasts_us: int) -> float:
-        return self.battery.drained_us(self.own.rest, lasts_us) / 1e6
+        return self.battery.drain_of(self.own.rest, lasts_us) / 1e6
 
     @property
     def _step_us(self) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.commands.free import take_aim
+from desim_uav.commands.aims import take_aim
 from desim_uav.engine.base import FlownLeg, FreeCarried
 from desim_uav.model.motion.flight import no_faster
 from desim_uav.model.motion.legs import FreeLeg, leg_between
@@ -17,7 +17,7 @@ from desim_uav.model.motion.space import Space, Ways
 from desim_uav.model.rules import Mode
 from desim_uav.rowcode.rows import Queue, Table, blank, fill
 from desim_uav.rules.free_flight import write_flight
-from desim_uav.rules.rows import Course, Drone, FlownRow, Piece, SpaceRow, WaysRow
+from desim_uav.rules.rows import Course, Drone, FlownRow, PieceRow, SpaceRow, WaysRow
 from desim_uav.rules.words import AIMS, OWN, REST
 from desim_uav.world import World
 
@@ -55,7 +55,7 @@ def set_course(drone: Drone, world: World) -> None:
     elif world.types[drone.type].free:
         drone.off_grid, drone.course.limit_mps = 1, math.inf
         for flight in (drone.course.flight, drone.course.probe):
-            flight.pieces = Table(blank(Piece) for _ in range(TRAPEZOID))
+            flight.pieces = Table(blank(PieceRow) for _ in range(TRAPEZOID))
 
 
 def set_memory(state: Any, world: World, log: int) -> None:

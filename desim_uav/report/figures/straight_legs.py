@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from desim_uav.report.batteries import powers_w
 from desim_uav.report.figures.style import COLOURS, DASHES
-from desim_uav.report.free_legs import FreeLegs, Shown, Way
+from desim_uav.report.straight_legs import FreeLegs, Shown, Way
 
 Floats = NDArray[np.float64]
 

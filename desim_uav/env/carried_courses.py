@@ -11,7 +11,7 @@ from typing import Any
 
 from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import CarriedDrone, FreeCarried
-from desim_uav.engine.free import carried_leg
+from desim_uav.engine.courses import carried_leg
 from desim_uav.env.untrusted import HIGHEST, listed, number, require, whole
 from desim_uav.model.geometry.prisms import TOUCH_M, deepest_at, first_entry
 from desim_uav.model.radio.tracks import Point

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.commands.base import Alike, Arrays, Kept
+from desim_uav.commands.base import AlikeCommands, Arrays, Kept
 from desim_uav.commands.given import Command, CommandError, index_of, naming, real_numbers
 from desim_uav.drone_type import DroneType
 from desim_uav.model.rules import Action
@@ -23,7 +23,7 @@ the displacement, of the cruise speed, and of the wish to charge."""
 CHARGE = NUMBERS[-1]
 
 
-class FreeCommands(Alike):
+class FreeCommands(AlikeCommands):
     """Commands of drones that fly freely: numbers of a displacement, or the index of an action.
 
     There are 2 or 3 numbers for the displacement, one for the cruise speed if there is a choice,
