@@ -48,15 +48,15 @@ def quota() -> float:
 
 def _groups(controller: str) -> Iterator[Path]:
     """Yield the folders of this process's control groups: its own, and those above to the root."""
-    found = [(MOUNT, ""), (MOUNT / "unified", ""), (MOUNT / controller, "")]
+    mounts = [(MOUNT, ""), (MOUNT / "unified", ""), (MOUNT / controller, "")]
     with suppress(OSError, ValueError):
         for line in GROUPS.read_text(encoding="utf-8").splitlines():
             _, controllers, path = line.split(":", 2)
             if not controllers:  # version 2
-                found += [(MOUNT, path), (MOUNT / "unified", path)]
+                mounts += [(MOUNT, path), (MOUNT / "unified", path)]
             elif controller in controllers.split(","):
-                found.append((MOUNT / controller, path))
-    for mount, path in found:
+                mounts.append((MOUNT / controller, path))
+    for mount, path in mounts:
         names = [name for name in path.split("/") if name not in ("", "..")]
         for depth in range(len(names), -1, -1):
             yield mount.joinpath(*names[:depth])

@@ -75,10 +75,12 @@ def _folder_of(module: str) -> Path | None:
 
 def _chosen() -> list[Path]:
     """Return the folders whose code the user has chosen to run."""
-    found = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
-    found += [Path(place) for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
-    found += [Path(__file__).parents[1], Path(sys.prefix)]
+    folders = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+    folders += [
+        Path(place) for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place
+    ]
+    folders += [Path(__file__).parents[1], Path(sys.prefix)]
     here = Path.cwd()
     project = (at for at in (here, *here.parents) if any((at / name).exists() for name in PROJECT))
-    found += [at for at in (next(project, None),) if at is not None]
-    return [place.resolve() for place in found]
+    folders += [at for at in (next(project, None),) if at is not None]
+    return [place.resolve() for place in folders]

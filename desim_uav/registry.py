@@ -215,7 +215,7 @@ def _import_class(name: str) -> type:
             classes = [key for key, one in vars(module).items() if isinstance(one, type)]
             nearest = did_you_mean(class_name, classes)
             raise _NotThereError(f"{module_name!r} has no {class_name!r}{nearest}")
-        found = getattr(module, class_name)
+        class_ = getattr(module, class_name)
     except _NotThereError as error:
         raise ValueError(f"cannot import {name!r}: {error}") from error
     except FAULTS as error:
@@ -227,8 +227,8 @@ def _import_class(name: str) -> type:
     except ValueError as error:
         raise ValueError(f"cannot use {name!r}: {error}") from error
     _PLUG_INS[str(getattr(module, "__file__", None))] = module_name
-    if not isinstance(found, type):
+    if not isinstance(class_, type):
         raise ValueError(f"{name!r} is not a class")
-    if "kind" not in vars(found):
-        found.kind = name  # type: ignore[attr-defined]
-    return found
+    if "kind" not in vars(class_):
+        class_.kind = name  # type: ignore[attr-defined]
+    return class_

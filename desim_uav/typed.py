@@ -41,13 +41,13 @@ class Within:
         """Return whether a number is within the bounds."""
         return self.low <= number <= self.high
 
-    def value(self, given: Any, said: str) -> Any:
+    def value(self, argument: Any, said: str) -> Any:
         """Return an argument as a number of Python. Raises ValueError, which names it as said."""
-        if _is_iterable(given) or not _is_number(given):
-            return given
-        number = float(given) if isinstance(self.low, float) else operator.index(given)
+        if _is_iterable(argument) or not _is_number(argument):
+            return argument
+        number = float(argument) if isinstance(self.low, float) else operator.index(argument)
         if not self.holds(number):
-            raise ValueError(f"{said}: {given!r}: must be {self.words}")
+            raise ValueError(f"{said}: {argument!r}: must be {self.words}")
         return number
 
 
@@ -67,12 +67,12 @@ class OneOf:
             return ""
         return f"{name!r}{did_you_mean(name, allowed)}; allowed: {', '.join(allowed)}"
 
-    def value(self, given: Any, said: str) -> Any:
+    def value(self, argument: Any, said: str) -> Any:
         """Return an argument. Raises ValueError, which names it as said."""
-        problem = self.problem(given) if isinstance(given, str) else ""
+        problem = self.problem(argument) if isinstance(argument, str) else ""
         if problem:
             raise ValueError(f"{said}: {problem}")
-        return given
+        return argument
 
 
 def typed(function: F, raises: type[Exception] = UsageError, names_in: str = "") -> F:

@@ -159,11 +159,11 @@ class World(Unchanging):
     @cached_property
     def planners(self) -> tuple[Planner, ...]:
         """The planners of returns, each of one or more types of drones."""
-        found: list[Planner] = []
+        planners: list[Planner] = []
         for planner in (each.planner for each in self.types if each.limited and not each.free):
-            if not any(planner.plans_as(other) for other in found):
-                found.append(planner)
-        return tuple(found)
+            if not any(planner.plans_as(other) for other in planners):
+                planners.append(planner)
+        return tuple(planners)
 
     def planner_number(self, number: int) -> int:
         """Return the number of the planner of a type of drones; 0 if it never returns."""

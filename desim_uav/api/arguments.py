@@ -87,12 +87,12 @@ def seeds_of(seeds: int | Sequence[int], first_seed: int = 0) -> list[int]:
     first_seed = whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
     if isinstance(seeds, str) or not isinstance(seeds, Iterable):
         return list(range(first_seed, first_seed + whole("seeds", seeds, 1, MOST_SEEDS)))
-    found = [whole("seeds", seed, 0, LAST_SEED) for seed in seeds]
+    numbers = [whole("seeds", seed, 0, LAST_SEED) for seed in seeds]
     if first_seed != 0:
         raise UsageError("first_seed goes with a number of seeds, not with a list of them")
-    if not found or len(set(found)) < len(found):
-        raise UsageError(f"seeds: {found}: must name at least one seed, and none twice")
-    return found
+    if not numbers or len(set(numbers)) < len(numbers):
+        raise UsageError(f"seeds: {numbers}: must name at least one seed, and none twice")
+    return numbers
 
 
 def whole(name: str, value: Any, low: int, high: int) -> int:

@@ -66,7 +66,7 @@ def bench_run(
             before anything is run.
         Interrupted: Ctrl-C. Its ``result`` holds the submission of the seeds that had ended.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.experiment.bench.run import check, submit
     from desim_uav.experiment.bench.submission import place_of
@@ -90,7 +90,7 @@ def bench_run(
             seeds=drawn,
             training_steps=training_steps,
             jobs=jobs,
-            command=arguments.command_of(bench_run, given),
+            command=arguments.command_of(bench_run, parameters),
             on_run=advance,
         )
     if done.interrupted:
@@ -122,9 +122,9 @@ def bench_verify(
     from desim_uav.experiment.bench.verify import differences
     from desim_uav.experiment.progress import progress as shown
 
-    found = read(Path(folder))
-    with shown(progress, len(found.rows), "runs", ENGINE) as advance:
-        return differences(found, decide=decide, jobs=jobs, on_run=advance)
+    submission = read(Path(folder))
+    with shown(progress, len(submission.rows), "runs", ENGINE) as advance:
+        return differences(submission, decide=decide, jobs=jobs, on_run=advance)
 
 
 @verb

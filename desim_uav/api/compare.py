@@ -87,16 +87,16 @@ def compare(
             f"{named_override('seed')}: each replication has its own; choose the first and "
             "their number"
         )
-    found = opened(scenario, overrides, world_seed=world_seed)
+    source = opened(scenario, overrides, world_seed=world_seed)
     named = comparing.policies_by_name(policies)
     drawn = seeds_of(seeds, first_seed)
-    for warning in comparing.out_of_place(found.scenario, named, drawn):
+    for warning in comparing.out_of_place(source.scenario, named, drawn):
         warn(warning)
-    with found.located():
-        comparing.try_on(found.scenario, named, drawn, engine)
-    with shown(progress, len(named) * len(drawn), "runs", engine) as advance, found.located():
+    with source.located():
+        comparing.try_on(source.scenario, named, drawn, engine)
+    with shown(progress, len(named) * len(drawn), "runs", engine) as advance, source.located():
         comparison = comparing.compare_policies(
-            found.scenario,
+            source.scenario,
             named,
             drawn,
             episodes,

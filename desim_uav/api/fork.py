@@ -56,7 +56,7 @@ def counterfactual(
         DesimError: one of its subclasses says what is wrong; UsageError is for an epoch that the
             run does not have. Nothing is written then.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.api.branches import Counterfactual
     from desim_uav.api.kept import InFolder, InMemory, Tables
@@ -70,15 +70,15 @@ def counterfactual(
     at = forking.At.of(":".join(map(str, parts)))
     if at.episode >= MOST_EPISODES:
         raise UsageError(f"--fork {at}: there are at most {MOST_EPISODES:,} episodes")
-    found = arguments.opened(scenario, overrides, seed, world_seed)
-    with found.located():
-        prepared = command.prepare(found.scenario, policy, engine, keep_events=True)
+    source = arguments.opened(scenario, overrides, seed, world_seed)
+    with source.located():
+        prepared = command.prepare(source.scenario, policy, engine, keep_events=True)
     other, name = load_policy(to), policy_name(to)
-    told = arguments.command_of(counterfactual, given)
+    words = arguments.command_of(counterfactual, parameters)
     for notice in (prepared.notice, getattr(other, "notice", lambda world: "")(prepared.world)):
         if notice:
             arguments.warn(notice)
-    how = command.How(max(episodes, at.episode + 1), warmup, True, engine, told)
+    how = command.How(max(episodes, at.episode + 1), warmup, True, engine, words)
     branches = forking.Branches(prepared, other, name, at, how)
     total = 2 * (how.episodes + warmup)
     if out is None or out is False:

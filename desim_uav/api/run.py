@@ -89,7 +89,7 @@ def run(
             option, or that a run cannot be continued, before anything is run.
         Interrupted: Ctrl-C. Its ``result`` holds what had ended before.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.api.run_result import RunResult
     from desim_uav.api.running import apart, interrupted, place_of, run_one
@@ -98,20 +98,20 @@ def run(
 
     if seeds is not None and seed is not None:
         raise UsageError("seed and seeds exclude each other")
-    found = arguments.opened(scenario, overrides, seed, world_seed)
-    drawn = [found.scenario.seed] if seeds is None else arguments.seeds_of(seeds, first_seed)
-    scenarios = [found.scenario.model_copy(update={"seed": one}) for one in drawn]
-    with found.located():
+    source = arguments.opened(scenario, overrides, seed, world_seed)
+    drawn = [source.scenario.seed] if seeds is None else arguments.seeds_of(seeds, first_seed)
+    scenarios = [source.scenario.model_copy(update={"seed": one}) for one in drawn]
+    with source.located():
         first = command.prepare(scenarios[0], policy, engine, events)
     places = [place_of(one, policy, out, seeds is not None, resume) for one in scenarios]
     for notice in filter(None, [first.notice or apart(first, scenarios)]):
         arguments.warn(notice)
-    how = command.How(episodes, warmup, events, engine, arguments.command_of(run, given))
+    how = command.How(episodes, warmup, events, engine, arguments.command_of(run, parameters))
     kept: list[Kept] = []
     with shown(progress, (warmup + episodes) * len(drawn), engine=engine) as advance:
         for one, place in zip(scenarios, places, strict=True):
             try:
-                with found.located():
+                with source.located():
                     prepared = command.prepare(one, policy, engine, events) if kept else first
                     kept.append(run_one(prepared, how, place, advance))
             except KeyboardInterrupt:

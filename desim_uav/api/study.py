@@ -100,7 +100,7 @@ def sweep(
         DesimError: one of its subclasses says what is wrong, before any job is run.
         Interrupted: Ctrl-C. Its ``result`` holds the jobs that had ended; they are kept.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.api.sources import each_of
     from desim_uav.experiment.sweep.plan import Asked
@@ -125,7 +125,7 @@ def sweep(
         backend=backend,
         workers=jobs,
         address=address,
-        command=arguments.command_of(sweep, given),
+        command=arguments.command_of(sweep, parameters),
         show_progress=progress,
         say=arguments.warn,
     )
@@ -179,7 +179,7 @@ def reproduce(
     Raises:
         UsageError: an option is not one of those allowed, or ``out`` cannot be written.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.experiment import reproduce as paper
     from desim_uav.experiment.progress import progress as shown
@@ -188,7 +188,7 @@ def reproduce(
     todo = paper.jobs(paper.numbers(cases), drawn, episodes, PRESETS[preset])
     with shown(progress, len(todo), "jobs", engine) as advance:
         rows = paper.run_jobs(todo, Path(out), jobs, advance, engine)
-    return paper.report(rows, Path(out), " ".join(arguments.command_of(reproduce, given)))
+    return paper.report(rows, Path(out), " ".join(arguments.command_of(reproduce, parameters)))
 
 
 @verb
@@ -231,10 +231,10 @@ def find_optimum(
     from desim_uav.experiment.optimum import bounds_runs, optimum
     from desim_uav.experiment.progress import progress as shown
 
-    found = arguments.opened(scenario, overrides, seed, world_seed)
-    total, show = work_of(seeds, episodes), progress and bounds_runs(found.scenario)
-    with found.located(), shown(show, total, ROUNDS_OF) as advance:
-        return Optimum(at_once(optimum, found.scenario, seeds, episodes, advance))
+    source = arguments.opened(scenario, overrides, seed, world_seed)
+    total, show = work_of(seeds, episodes), progress and bounds_runs(source.scenario)
+    with source.located(), shown(show, total, ROUNDS_OF) as advance:
+        return Optimum(at_once(optimum, source.scenario, seeds, episodes, advance))
 
 
 @verb
@@ -276,6 +276,6 @@ def find_bounds(
     from desim_uav.experiment.progress import progress as shown
 
     drawn = arguments.seeds_of(seeds, first_seed)
-    found = arguments.opened(scenario, overrides)
-    with found.located(), shown(progress, work_of(len(drawn), episodes), ROUNDS_OF) as advance:
-        return Bounds(at_once(bounds, found.scenario, drawn, episodes, schedule, advance))
+    source = arguments.opened(scenario, overrides)
+    with source.located(), shown(progress, work_of(len(drawn), episodes), ROUNDS_OF) as advance:
+        return Bounds(at_once(bounds, source.scenario, drawn, episodes, schedule, advance))

@@ -200,14 +200,14 @@ class TrainingResult:
 
 def pause_of(callbacks: Sequence[Callback], every: int) -> TrainingPause:
     """Call back after every so many episodes; False, if one of them asks for the end."""
-    told = 0
+    last = 0
 
     def call(course: TrainingCourse) -> bool:
-        nonlocal told
+        nonlocal last
         drones = len(course.training.learners)
-        since = max(told, course.first)
+        since = max(last, course.first)
         rows = course.rows[since * drones :]
-        told = course.training.episode
+        last = course.training.episode
         goes_on = True
         for callback in callbacks:
             try:

@@ -16,14 +16,14 @@ from desim_uav.notices import tell
 @made(files.list_scenarios, AS_JSON)
 def scenarios(asked: dict[str, Any], as_json: bool) -> None:
     """Print the names and what they are about, or the text of a file."""
-    found = files.list_scenarios(**asked)
+    listing = files.list_scenarios(**asked)
     if asked["show"] is not None:
-        print(found[asked["show"]], end="")
+        print(listing[asked["show"]], end="")
     elif as_json:
-        print_json(found)
+        print_json(listing)
     else:
-        width = max(map(len, found))
-        for name, about in found.items():
+        width = max(map(len, listing))
+        for name, about in listing.items():
             tell(f"{name:{width}s} {about}")
 
 

@@ -24,13 +24,13 @@ app = typer.Typer(
 @made(bench_list, AS_JSON)
 def list_tasks(asked: dict[str, Any], as_json: bool) -> None:
     """Print the tasks, the tracks and the protocol."""
-    found = bench_list()
+    registry = bench_list()
     if as_json:
-        print_json(found)
+        print_json(registry)
         return
-    for task in found["tasks"]:
+    for task in registry["tasks"]:
         tell(f"{task['task']:30s} {task['scenario_hash'][:12]}  {task['about']}")
-    rules = found["protocol"]
+    rules = registry["protocol"]
     tell()
     for name, track in rules["tracks"].items():
         seeds = track["seeds"]
@@ -73,11 +73,11 @@ def verify(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
 @made(bench_board, AS_JSON)
 def board(asked: dict[str, Any], as_json: bool) -> None:
     """Print the leaderboard, or the files that it was written to."""
-    found = bench_board(**asked)
+    leaderboard = bench_board(**asked)
     if as_json:
-        print_json(found.content())
+        print_json(leaderboard.content())
     elif asked["out"] is None:
-        print(found.markdown(), end="")
+        print(leaderboard.markdown(), end="")
     for file in (asked["out"], asked["figure"]):
         if file is not None and not as_json:
             tell(file)

@@ -38,11 +38,11 @@ def optimum(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print the optima, and the bounds of runs."""
     from desim_uav.report.optimum import print_optimum
 
-    found = find_optimum(**asked)
+    solution = find_optimum(**asked)
     if as_json:
-        print_json(found.content())
+        print_json(solution.content())
     else:
-        print_optimum(found.content())
+        print_optimum(solution.content())
 
 
 @made(run_reproduce, CHECK, QUIET)
@@ -53,11 +53,11 @@ def reproduce(asked: dict[str, Any], check: bool, quiet: bool) -> None:
 
     if check and asked["preset"] == "paper":
         raise UsageError("--check: the gates are of the default training, not of the paper's")
-    found = run_reproduce(**asked)
+    report = run_reproduce(**asked)
     if not quiet:
-        print_paper_table(HEADINGS, [cells(line) for line in found.table])
-        print_claims([(c.text, c.found, c.holds) for c in found.claims])
+        print_paper_table(HEADINGS, [cells(line) for line in report.table])
+        print_claims([(c.text, c.found, c.holds) for c in report.claims])
         tell(asked["out"] / "table.md")
-    if check and found.failed:
-        complain("\n".join(f"gate: {claim.text}: {claim.found}" for claim in found.failed))
+    if check and report.failed:
+        complain("\n".join(f"gate: {claim.text}: {claim.found}" for claim in report.failed))
         raise typer.Exit(6)

@@ -50,10 +50,10 @@ def _run_forked(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Run both branches, and print their measures."""
     if asked.pop("resume"):
         raise UsageError("--resume: a run with --fork cannot be continued")
-    for given, lacks in (("fork", "to"), ("to", "fork")):
+    for option, lacks in (("fork", "to"), ("to", "fork")):
         if asked[lacks] is None:
             form = "run SCENARIO --fork EPISODE:STEP --to POLICY"
-            raise UsageError(f"--{given} needs --{lacks}: {form}")
+            raise UsageError(f"--{option} needs --{lacks}: {form}")
     asked.pop("events")  # they are kept
     done, _ = ended(counterfactual, asked)
     if as_json:
@@ -99,19 +99,19 @@ def compare(asked: dict[str, Any], context: typer.Context, as_json: bool, quiet:
     what, interrupted = asked.pop("folders"), ""
     if asked["policies"] is None:
         _refuse_how_to_run(context)
-        found = compare_runs(what, against=asked["against"], out=asked["out"])
+        comparison = compare_runs(what, against=asked["against"], out=asked["out"])
     else:
         scenario = the_scenario(what)
         asked["policies"] = policy_names(asked["policies"])
-        found, interrupted = ended(
+        comparison, interrupted = ended(
             compare_policies, asked | {"scenario": scenario}, "no run has ended"
         )
     if as_json:
-        print_json(found.content())
+        print_json(comparison.content())
     else:
         from desim_uav.report.text import print_comparison
 
-        print_comparison(found.content())
+        print_comparison(comparison.content())
     if interrupted:
         end("interrupted; what had ended is shown")
 

@@ -53,7 +53,7 @@ class Commands(Protocol):
         Raises ScenarioError, which says that ``what`` needs it, if they do not.
         """
 
-    def joined(self, given: Sequence[Any]) -> Any:
+    def joined(self, commands: Sequence[Any]) -> Any:
         """Return a command of each drone as one action. Raises CommandError, with the drone."""
 
     def split(self, action: Any) -> Sequence[Command]:

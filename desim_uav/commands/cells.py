@@ -64,7 +64,7 @@ class CellCommands(AlikeCommands):
         """Return the answer of a policy as an index, which may be that of no action, or None."""
         return index_of(self.actions, answer)
 
-    def scripted(self, drone: int, index: int, given: Mapping[str, float | None]) -> Command:
+    def scripted(self, drone: int, index: int, values: Mapping[str, float | None]) -> Command:
         """Return the command of an action in a script, which ignores the numbers beside it."""
         return index
 
@@ -90,11 +90,11 @@ class CellCommands(AlikeCommands):
         """Return which entries of a mask are those of a drone's type: the first ones."""
         return slice(len(self.own(drone).actions))
 
-    def checked(self, drone: int, given: Any) -> int:
+    def checked(self, drone: int, index: Any) -> int:
         """Return the index of an action of a drone's type. Raises CommandError, with the drone."""
         last = len(self.own(drone).actions) - 1
         with naming(drone):
-            command = int(whole_numbers(given, ()))
+            command = int(whole_numbers(index, ()))
             if not 0 <= command <= last:
                 raise CommandError(f"actions must be from 0 to {last}, not {command}")
         return command
@@ -114,11 +114,11 @@ class CellCommands(AlikeCommands):
 
         return MultiDiscrete(np.full((count, *self.shape_of_each), len(self.actions)))
 
-    def joined(self, given: Sequence[Any]) -> Any:
+    def joined(self, commands: Sequence[Any]) -> Any:
         """Return the indices; that of a single drone alone."""
         if self._differ:
-            given = [self.checked(drone, one) for drone, one in enumerate(given)]
-        return given if len(given) != 1 else given[0]
+            commands = [self.checked(drone, one) for drone, one in enumerate(commands)]
+        return commands if len(commands) != 1 else commands[0]
 
     def split(self, action: Any) -> list[Command]:
         """Return the index of each drone."""

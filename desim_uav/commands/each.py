@@ -56,9 +56,9 @@ class EachCommands(Unchanging):
         """Return that the actions are those of this drone."""
         return f"drone {drone}"
 
-    def joined(self, given: Sequence[Any]) -> list[Any]:
+    def joined(self, commands: Sequence[Any]) -> list[Any]:
         """Return the list of commands, each checked for its drone."""
-        return [self._of[drone].checked(drone, one) for drone, one in enumerate(given)]
+        return [self._of[drone].checked(drone, one) for drone, one in enumerate(commands)]
 
     def split(self, action: Any) -> Sequence[Command]:
         """Return the commands, which ``joined`` has checked."""

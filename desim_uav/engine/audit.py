@@ -255,9 +255,11 @@ def _levels(
         if radio.marked:
             ends = (x, y, heights_m[user]), place
             key = simulation.drawn.link_key
-            found = possible_levels_dbm(simulation.world, key, radio, number, user, ends)
+            possible = possible_levels_dbm(simulation.world, key, radio, number, user, ends)
         else:
             away_m, above_m = math.hypot(x - place[0], y - place[1]), place[2] - heights_m[user]
-            found = [radio.power_dbm - radio.path_loss.mean_db(away_m, above_m, radio.carrier_ghz)]
-        levels_dbm.append((min(found), max(found)))
+            possible = [
+                radio.power_dbm - radio.path_loss.mean_db(away_m, above_m, radio.carrier_ghz)
+            ]
+        levels_dbm.append((min(possible), max(possible)))
     return np.array(levels_dbm).T.reshape(2, len(checked))

@@ -158,8 +158,8 @@ def _set_flights(made: Constants, world: World) -> None:
 def transit_row(transit: Transit) -> TransitRow:
     """Return a transit as a row."""
     pieces = Table(fill(PieceRow, piece) for piece in transit.profile.tolist())
-    _, *told = transit
-    return fill(TransitRow, (*told, pieces))
+    _, *values = transit
+    return fill(TransitRow, (*values, pieces))
 
 
 def term_names(world: World) -> tuple[str, ...]:

@@ -106,8 +106,8 @@ class SavedState(Unchanging):
     def commands(self) -> list[list[int]]:
         """The commands of all steps so far, one per drone; -1 is none of the actions."""
         state, drones = self.rows.state, self.world.scenario.drone_count
-        told = state.history[: state.step * drones]
-        return [list(told[k : k + drones]) for k in range(0, len(told), drones)]
+        history = state.history[: state.step * drones]
+        return [list(history[k : k + drones]) for k in range(0, len(history), drones)]
 
     @property
     def numbers(self) -> NDArray[np.float64] | None:
@@ -116,8 +116,8 @@ class SavedState(Unchanging):
 
     def _aims(self, state: Any) -> tuple[float, ...]:
         """Return the part of ``State.aims`` that the commands so far have written."""
-        told: tuple[float, ...] = state.aims[: AIMS * state.step * self.world.scenario.drone_count]
-        return told
+        aims: tuple[float, ...] = state.aims[: AIMS * state.step * self.world.scenario.drone_count]
+        return aims
 
     def digest(self) -> str:
         """Return the SHA-256 of what a state says of its episode.
@@ -125,10 +125,10 @@ class SavedState(Unchanging):
         It is the same for both kinds of engine, whatever they have run before this episode.
         """
         state, *others = self.rows
-        told = [self.commands, _told(state._replace(aims=self._aims(state))), *others]
+        content = [self.commands, _told(state._replace(aims=self._aims(state))), *others]
         if self.world.free:
-            told.append([one.course[:PLACES] for one in state.senders if one.off_grid])
-        return hashlib.sha256(repr(tuple(told)).encode()).hexdigest()
+            content.append([one.course[:PLACES] for one in state.senders if one.off_grid])
+        return hashlib.sha256(repr(tuple(content)).encode()).hexdigest()
 
     def check(self, world: World, settings: RunSettings) -> None:
         """Raise StateError if an engine of this world and these settings cannot go on."""

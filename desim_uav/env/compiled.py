@@ -270,8 +270,8 @@ def _chosen(session: Session) -> Session:
     worlds = [session.world, *later(session)]
     allowed = {first_of(world, observed=True) for world in worlds}
     session.chooses = "des" not in allowed
-    found = on_disk(worlds, session.engine.settings) if session.chooses else None
-    return session if found is None else CompiledSession.instead_of(session, found)
+    engine = on_disk(worlds, session.engine.settings) if session.chooses else None
+    return session if engine is None else CompiledSession.instead_of(session, engine)
 
 
 def later(session: Session) -> list[World]:
@@ -289,5 +289,5 @@ def faster(session: Session) -> Session:
     """
     if not session.chooses or isinstance(session, CompiledSession):
         return session
-    found = instead_of(session.engine, partial(later, session))
-    return session if found is None else CompiledSession.instead_of(session, found)
+    engine = instead_of(session.engine, partial(later, session))
+    return session if engine is None else CompiledSession.instead_of(session, engine)

@@ -107,9 +107,9 @@ class UavVecEnv(Independent, VecEnv):
         Returns the observations of all environments.
         """
         observations, infos = self.vector.restore(state, which)
-        given = infos["_seed"].tolist()
+        has_seed = infos["_seed"].tolist()
         for k, info in enumerate(self._each(infos)):
-            if given[k]:
+            if has_seed[k]:
                 self.reset_infos[k] = info
         return observations
 

@@ -183,7 +183,7 @@ def _misfits(scenario: Scenario, changes: Mapping[str, Any]) -> Iterable[str]:
     before = _shape(scenario)
     if _shape(configured(scenario, changes)) == before:
         return
-    found = False
+    misfit = False
     for key, value in changes.items():
         try:
             after = _shape(configured(scenario, {key: value}))
@@ -191,9 +191,9 @@ def _misfits(scenario: Scenario, changes: Mapping[str, Any]) -> Iterable[str]:
             continue
         differing = [name for name in before if before[name] != after[name]]
         if differing:
-            found = True
+            misfit = True
             yield f"{key}: changes the {', '.join(differing)}, which must stay the same"
-    if not found:
+    if not misfit:
         yield f"{', '.join(changes)}: together they change the spaces, which must stay the same"
 
 

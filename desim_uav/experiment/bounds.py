@@ -43,20 +43,20 @@ def _row(
 ) -> dict[str, Any]:
     drawn = scenario.model_copy(update={"seed": seed})
     world = build_world(drawn, drawn.effective_world_seed)
-    found = BoundedRun(world, seed, episodes, on_work=on_work).bound(schedule)
+    bound = BoundedRun(world, seed, episodes, on_work=on_work).bound(schedule)
     return {
         "seed": seed,
         "world_seed": drawn.effective_world_seed,
-        **{name: getattr(found, name) for name in MEASURES},
-        "gap_percent": found.gap_percent,
+        **{name: getattr(bound, name) for name in MEASURES},
+        "gap_percent": bound.gap_percent,
     }
 
 
-def _plain(found: Estimate) -> dict[str, Any]:
+def _plain(estimate: Estimate) -> dict[str, Any]:
     return {
-        "n": found.n,
-        "mean": found.mean,
-        "half_width": found.half_width,
-        "low": found.low,
-        "high": found.high,
+        "n": estimate.n,
+        "mean": estimate.mean,
+        "half_width": estimate.half_width,
+        "low": estimate.low,
+        "high": estimate.high,
     }

@@ -174,12 +174,12 @@ class Comparison:
         }
 
     def _differences(self, policy: str) -> dict[str, Any]:
-        found, reference = self._of(policy), self._of(self.against)
-        common = [drawn for drawn in found if drawn in reference]
+        runs, reference = self._of(policy), self._of(self.against)
+        common = [drawn for drawn in runs if drawn in reference]
 
         def difference(name: str) -> dict[str, Any]:
             values, references = (
-                [of[drawn].measures[name] for drawn in common] for of in (found, reference)
+                [of[drawn].measures[name] for drawn in common] for of in (runs, reference)
             )
             minus = paired(values, references)
             return _plain(minus) | {"excludes_zero": minus.excludes_zero}
@@ -376,11 +376,11 @@ def _html(rows: Sequence[dict[str, Any]]) -> str:
     return notebook.table(headings, cells, words=[0, 1])
 
 
-def _plain(found: Estimate) -> dict[str, Any]:
+def _plain(estimate: Estimate) -> dict[str, Any]:
     return {
-        "n": found.n,
-        "mean": found.mean,
-        "half_width": found.half_width,
-        "low": found.low,
-        "high": found.high,
+        "n": estimate.n,
+        "mean": estimate.mean,
+        "half_width": estimate.half_width,
+        "low": estimate.low,
+        "high": estimate.high,
     }

@@ -64,9 +64,9 @@ def as_content(findings: list[Check]) -> dict[str, Any]:
 def _python() -> Iterator[Check]:
     yield Check("ok", PACKAGE, __version__)
     wanted = SpecifierSet(_requires_python())
-    found = platform.python_version()
-    fits = wanted.contains(found, prereleases=True)
-    words = f"{found}, {platform.platform()}"
+    release = platform.python_version()
+    fits = wanted.contains(release, prereleases=True)
+    words = f"{release}, {platform.platform()}"
     yield Check(
         "ok" if fits else "problem", "Python", words if fits else f"{words}; {wanted} is needed"
     )
@@ -113,11 +113,11 @@ def _required() -> Iterator[Check]:
 def _misfit(wanted: Requirement) -> str | None:
     """Return why an installed package does not fit, or None if it does."""
     try:
-        found = version(wanted.name)
+        release = version(wanted.name)
     except PackageNotFoundError:
         return f"{wanted.name} is missing"
-    if not wanted.specifier.contains(found, prereleases=True):
-        return f"{wanted.name} {found} is installed, but {wanted.specifier} is needed"
+    if not wanted.specifier.contains(release, prereleases=True):
+        return f"{wanted.name} {release} is installed, but {wanted.specifier} is needed"
     inner = (_misfit(one) for extra in wanted.extras for one in _with_extra(wanted.name, extra))
     return next(filter(None, inner), None)
 
@@ -156,12 +156,12 @@ def _conflicts() -> Iterator[Check]:
     for name, words in CONFLICTS.items():
         try:
             asked = [Requirement(text) for text in requires(name) or ()]
-            found = version("gymnasium")
+            release = version("gymnasium")
         except PackageNotFoundError:
             continue
         for one in asked:
-            if one.name == "gymnasium" and not one.specifier.contains(found, prereleases=True):
-                message = words.format(wanted=one.specifier, found=found)
+            if one.name == "gymnasium" and not one.specifier.contains(release, prereleases=True):
+                message = words.format(wanted=one.specifier, found=release)
                 yield Check("note", f"{name} {version(name)}", message)
                 break
 

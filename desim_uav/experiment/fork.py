@@ -47,12 +47,12 @@ class At(NamedTuple):
     @classmethod
     def of(cls, text: str) -> At:
         """Return the epoch that a text such as ``0:12`` names. Raises UsageError."""
-        found = FORM.fullmatch(text)
-        if found is None:
+        match = FORM.fullmatch(text)
+        if match is None:
             raise UsageError(
                 f"--fork {text}: must be EPISODE:STEP, two numbers from 0 on, such as 0:12"
             )
-        return cls(int(found[1]), int(found[2]))
+        return cls(int(match[1]), int(match[2]))
 
     def __str__(self) -> str:
         return f"{self.episode}:{self.step}"
@@ -147,12 +147,12 @@ def record_branches(
     """
     prepared, at, how = branches.prepared, branches.at, branches.how
     _check(branches)
-    seen = Since(at), Since(at)
+    tallies = Since(at), Since(at)
     then = replace(
         prepared, policy=branches.other, name=f"{prepared.name}, then {branches.other_name}"
     )
-    original = _recorded(prepared, how, branches.original(), seen[0].noting(writes[0]), advance)
-    other = _recorded(then, how, branches.continued(), seen[1].noting(writes[1]), advance)
+    original = _recorded(prepared, how, branches.original(), tallies[0].noting(writes[0]), advance)
+    other = _recorded(then, how, branches.continued(), tallies[1].noting(writes[1]), advance)
     fork = {
         "episode": at.episode,
         "step": at.step,
@@ -163,7 +163,7 @@ def record_branches(
     for recorded in (original, other):
         recorded.manifest["fork"] = fork
     assert branches.saved is not None
-    measures = [each.measures() for each in seen]
+    measures = [each.measures() for each in tallies]
     named = {key: original.manifest[key] for key in ("scenario", "seed", "world_seed")}
     about = named | fork | {"episodes": how.episodes, "state": branches.saved.digest()}
     about |= dict(zip(BRANCHES, measures, strict=True)) | {"difference": _difference(*measures)}
@@ -214,8 +214,8 @@ class Since:
         tally = run.Tally()
         for requests, episodes in zip(*self.frames.values(), strict=True):
             tally.add(requests, episodes)
-        found = tally.headline()
-        return {name: found[name] for name in COMPARED}
+        headline = tally.headline()
+        return {name: headline[name] for name in COMPARED}
 
 
 def _difference(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:

@@ -114,10 +114,10 @@ def _handled(note: Callable[[int, FrameType | None], None]) -> Iterator[None]:
 
 def asking() -> list[int]:
     """Return the signals that ask for the end, without those that are ignored or used otherwise."""
-    found = [number for name in ALWAYS if (number := getattr(signal, name, None)) is not None]
+    numbers = [number for name in ALWAYS if (number := getattr(signal, name, None)) is not None]
     others = [number for name in UNLESS_USED if (number := getattr(signal, name, None)) is not None]
     return [
-        *[number for number in found if signal.getsignal(number) is not signal.SIG_IGN],
+        *[number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN],
         *[number for number in others if _is_ours(signal.getsignal(number))],
     ]
 

@@ -60,7 +60,7 @@ def optimum(
     world = build_world(scenario, scenario.effective_world_seed)
     lone = scenario.drone_count == 1 and static
     process = DroneProcess(world) if lone else None
-    found: dict[str, Any] = {
+    solution: dict[str, Any] = {
         "scenario": scenario.name,
         "seed": scenario.seed,
         "world_seed": scenario.effective_world_seed,
@@ -75,16 +75,16 @@ def optimum(
     if bounds_runs(scenario):
         drawn = range(scenario.seed, scenario.seed + seeds)
         try:
-            found["runs"] = bounds(scenario, drawn, episodes, on_work=on_work)
+            solution["runs"] = bounds(scenario, drawn, episodes, on_work=on_work)
         except UsageError as error:
             if not static:
                 raise
-            found["runs_refused"] = str(error)
+            solution["runs_refused"] = str(error)
     if process is not None:
-        found["one_drone"] = _one_drone(world, process)
+        solution["one_drone"] = _one_drone(world, process)
         if not scenario.limited_battery:
-            found["discounted"] = _discounted(world, process)
-    return found
+            solution["discounted"] = _discounted(world, process)
+    return solution
 
 
 def bounds_runs(scenario: Scenario) -> bool:

@@ -134,15 +134,15 @@ def begun(prepared: Prepared, how: How, folder: Path) -> Begun:
         "events": how.keep_events,
         "scenario_hash": scenario_hash(prepared.scenario),
     }
-    found = {**manifest, "events": (folder / "events.parquet").exists()}
+    record = {**manifest, "events": (folder / "events.parquet").exists()}
     for name, version in versions().items():
         if name != "platform":  # another machine computes the same
             now[f"version of {name}"] = version
-            found[f"version of {name}"] = dict(manifest.get("versions") or {}).get(name)
+            record[f"version of {name}"] = dict(manifest.get("versions") or {}).get(name)
     for what, value in now.items():
-        if found.get(what) != value:
+        if record.get(what) != value:
             raise PolicyError(
-                f"{folder}: it holds another run: {what} {found.get(what)!r}, not {value!r}"
+                f"{folder}: it holds another run: {what} {record.get(what)!r}, not {value!r}"
             )
     numbers = read_table(folder, "episodes", EPISODES)["episode"].tolist()
     done = len(numbers) - how.warmup

@@ -138,10 +138,10 @@ def _most_covered(
     users = covered(held, placement)
     at_most = min(bound, int(users / GUARANTEE), int(held.any(axis=0).sum()))
     if users < at_most and held.sum() <= MOST_PAIRS:
-        found, most = best_cover(held, drones, limit_s, in_order)
+        candidate, most = best_cover(held, drones, limit_s, in_order)
         at_most = int(min(at_most, most))
-        if found is not None:
-            placement = max(found, placement, key=partial(covered, held))
+        if candidate is not None:
+            placement = max(candidate, placement, key=partial(covered, held))
     return placement, at_most
 
 

@@ -43,10 +43,10 @@ class Footprints:
 
         Users who enter and leave in the same microsecond all count as covered at once.
         """
-        found = self._crossings(leg, span_us)
-        order = np.lexsort((-found[:, ENTERS], found[:, TIME_US]))
+        crossings = self._crossings(leg, span_us)
+        order = np.lexsort((-crossings[:, ENTERS], crossings[:, TIME_US]))
         held, grown, largest = 0, False, set()
-        for _, user, enters in found[order].tolist():
+        for _, user, enters in crossings[order].tolist():
             if grown and not enters:
                 largest.add(held)
             held ^= 1 << user
@@ -94,14 +94,14 @@ def refuse_walks(world: World) -> None:
 
 def moves(world: World) -> list[TransitLeg]:
     """Return the moves of serving drones between neighbouring cells, in one direction each."""
-    grid, found = world.grid, {}
+    grid, legs = world.grid, {}
     for ix, iy, level in flown_to(world):
         for action in (Action.FORWARD, Action.RIGHT):
             dx, dy, _ = MOVES[action]
             if grid.can_enter(ix + dx, iy + dy, level):
                 ends = grid.centre(ix, iy), grid.centre(ix + dx, iy + dy)
-                found[ends] = TransitLeg(world.only_type.epoch_transits[action], *ends, 0.0, 0.0)
-    return list(found.values())
+                legs[ends] = TransitLeg(world.only_type.epoch_transits[action], *ends, 0.0, 0.0)
+    return list(legs.values())
 
 
 def flown_to(world: World) -> list[Node]:

@@ -218,20 +218,20 @@ class _Explorer:
             self.last.append(last)
         return self._renew(((self.last.index(last), -1, -1), -1))
 
-    def _in_order(self, found: list[LoneState]) -> Graph:
+    def _in_order(self, listing: list[LoneState]) -> Graph:
         """Return the graph with its states in order of their battery."""
-        charge = np.array([battery for _, battery in found], np.int64)
+        charge = np.array([battery for _, battery in listing], np.int64)
         order = np.argsort(charge, kind="stable")
-        place = np.empty(len(found), np.int64)
-        place[order] = np.arange(len(found))
-        shape = (len(found), len(self.actions))
+        place = np.empty(len(listing), np.int64)
+        place[order] = np.arange(len(listing))
+        shape = (len(listing), len(self.actions))
         target = np.array(self.target, np.int64).reshape(shape)
         reward = np.array(self.reward).reshape(shape)
-        gained = np.zeros(len(found))
-        for state in sorted(state for state in found if state[1] >= 0):  # by node
+        gained = np.zeros(len(listing))
+        for state in sorted(state for state in listing if state[1] >= 0):  # by node
             gained[self.number[state]] = self.process.arrival(state)
         reward = np.where(target >= 0, gained[np.maximum(target, 0)], reward)
-        renewals, states = len(self.renewals), len(found)
+        renewals, states = len(self.renewals), len(listing)
         target = np.select(
             [target >= 0, target == LOTTERY, target == NOWHERE],
             [place[np.maximum(target, 0)], states + renewals, states + renewals + 1],
@@ -241,7 +241,7 @@ class _Explorer:
         lottery = np.array([node in full for node, _ in self.renewals], float)
         ends = np.flatnonzero(np.diff(charge[order], append=-2)) + 1
         return Graph(
-            [found[k] for k in order.tolist()],
+            [listing[k] for k in order.tolist()],
             self.actions,
             target[order],
             np.array(self.steps, float).reshape(shape)[order],

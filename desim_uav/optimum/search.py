@@ -62,18 +62,18 @@ def best_cover(
     order = -np.arange(places + groups) * of_drones
     placement, bound = None, np.inf
     for gains in (np.append(np.zeros(places), users), order)[: 1 + in_order]:
-        found = milp(
+        solution = milp(
             -gains,
             integrality=of_drones,
             bounds=Bounds(0, np.where(of_drones, drones, 1)),
             constraints=rows,
             options={"mip_rel_gap": 0.0, "time_limit": limit_s},
         )
-        if gains is not order and found.mip_dual_bound is not None:
-            bound = np.floor(SLACK - found.mip_dual_bound)
-        if found.x is not None:
-            placement = np.repeat(np.arange(places), np.rint(found.x[:places]).astype(int))
-        if found.status != 0:
+        if gains is not order and solution.mip_dual_bound is not None:
+            bound = np.floor(SLACK - solution.mip_dual_bound)
+        if solution.x is not None:
+            placement = np.repeat(np.arange(places), np.rint(solution.x[:places]).astype(int))
+        if solution.status != 0:
             break
-        rows.append(LinearConstraint(gains[None], round(-found.fun) - 0.5))
+        rows.append(LinearConstraint(gains[None], round(-solution.fun) - 0.5))
     return placement, float(bound)

@@ -130,9 +130,9 @@ def show(policy: Policy, engine: Engine) -> None:
         watch(engine)
 
 
-def decide(policy: Policy, shown: Snapshot, world: World) -> list[Any]:
+def decide(policy: Policy, snapshot: Snapshot, world: World) -> list[Any]:
     """Return the policy's actions for a snapshot, in the order of the drones (``decide_by``)."""
-    return decide_by(policy, shown.observations, shown.masks, world)
+    return decide_by(policy, snapshot.observations, snapshot.masks, world)
 
 
 def decide_by(
@@ -150,8 +150,8 @@ def decide_by(
     if jointly is not None:
         commands = jointly(observations, masks)
     else:
-        seen = zip(observations, masks, strict=True)
-        commands = [policy.act(observation, mask) for observation, mask in seen]
+        pairs = zip(observations, masks, strict=True)
+        commands = [policy.act(observation, mask) for observation, mask in pairs]
     return commands_of(commands, world)
 
 
@@ -172,8 +172,8 @@ def parts(name: str) -> tuple[str, str]:
     """
     kind, _, argument = name.partition(":")
     if name.endswith(".npz") and kind not in names("policy"):
-        found = array_file.names_in(find_table(name))
-        return "mlp" if {"scale", "weights"} <= found else "table", name
+        arrays = array_file.names_in(find_table(name))
+        return "mlp" if {"scale", "weights"} <= arrays else "table", name
     return kind, argument
 
 
@@ -182,14 +182,14 @@ def file_of(name: str) -> Path | None:
     base = base_of(name)
     if base is not None:
         return file_of(base)
-    found: Path | None = _of_argument("file_of", name)
-    return found
+    file: Path | None = _of_argument("file_of", name)
+    return file
 
 
 def base_of(name: str) -> str | None:
     """Return the name of the policy that a policy improves, or None if it improves none."""
-    found: str | None = _of_argument("base_of", name)
-    return found or None
+    base: str | None = _of_argument("base_of", name)
+    return base or None
 
 
 def _of_argument(method: str, name: str) -> Any:
@@ -213,15 +213,15 @@ def load_policy(policy: PolicyLike) -> Policy:
         return _checked(_of_name(policy_name(policy)), policy_name(policy))
     if isinstance(policy, type):
         return _checked(_made(policy, policy_name(policy)), policy_name(policy))
-    given: Any = policy
-    adapter = _adapter_of(given)
+    candidate: Any = policy
+    adapter = _adapter_of(candidate)
     if adapter is not None:
-        return _checked(adapter.of_model(given, policy_name(policy)), policy_name(policy))
-    if not hasattr(given, "act") and hasattr(given, "policy"):
-        given = given.policy
-    if not hasattr(given, "act") and callable(given):
-        given = FunctionPolicy(given)
-    return _checked(given, policy_name(policy))
+        return _checked(adapter.of_model(candidate, policy_name(policy)), policy_name(policy))
+    if not hasattr(candidate, "act") and hasattr(candidate, "policy"):
+        candidate = candidate.policy
+    if not hasattr(candidate, "act") and callable(candidate):
+        candidate = FunctionPolicy(candidate)
+    return _checked(candidate, policy_name(policy))
 
 
 MODELS = {
@@ -236,14 +236,14 @@ They are named, and not imported, because their libraries may not be installed.
 """
 
 
-def _adapter_of(given: Any) -> Any:
+def _adapter_of(candidate: Any) -> Any:
     """Return the class of the policy that acts by a model, or None for everything else."""
-    if hasattr(given, "act"):
+    if hasattr(candidate, "act"):
         return None
-    for one in type(given).__mro__:
-        found = MODELS.get(f"{one.__module__}:{one.__qualname__}")
-        if found is not None:
-            module, _, name = found.partition(":")
+    for one in type(candidate).__mro__:
+        adapter = MODELS.get(f"{one.__module__}:{one.__qualname__}")
+        if adapter is not None:
+            module, _, name = adapter.partition(":")
             return getattr(importlib.import_module(module), name)
     return None
 
@@ -273,17 +273,17 @@ def policy_name(policy: PolicyLike) -> str:
         return FILES.get(policy.suffix.lower(), "") + str(policy)
     if isinstance(policy, str):
         return policy
-    given: Any = policy
-    if not isinstance(given, type) and _adapter_of(given) is None:
-        if not hasattr(given, "act") and hasattr(given, "policy"):
-            given = given.policy
-        if isinstance(name := getattr(given, "name", None), str):
+    candidate: Any = policy
+    if not isinstance(candidate, type) and _adapter_of(candidate) is None:
+        if not hasattr(candidate, "act") and hasattr(candidate, "policy"):
+            candidate = candidate.policy
+        if isinstance(name := getattr(candidate, "name", None), str):
             return name
-        if not hasattr(given, "act") and callable(given):
-            return FunctionPolicy(given).name
-    if not isinstance(given, type):
-        given = type(given)
-    return f"{given.__module__}:{given.__qualname__}"
+        if not hasattr(candidate, "act") and callable(candidate):
+            return FunctionPolicy(candidate).name
+    if not isinstance(candidate, type):
+        candidate = type(candidate)
+    return f"{candidate.__module__}:{candidate.__qualname__}"
 
 
 def _of_name(name: str) -> Any:

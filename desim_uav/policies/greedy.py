@@ -85,16 +85,16 @@ class Greedy:
 
         if self._engine is None or self._ground is None:
             raise RuntimeError("greedy needs the engine; call begin and watch first")
-        seen = look(self._engine, self._ground, observations)
-        if not self._may_follow(seen):
-            team = TeamPlanner(self._ground, seen, self._habits)
+        sight = look(self._engine, self._ground, observations)
+        if not self._may_follow(sight):
+            team = TeamPlanner(self._ground, sight, self._habits)
             team.begin_with(self._plans, self._age)
             team.improve(self._habits.rounds)
             self._plans, self._age, self._stale = team.plans, 0, False
         age, self._age = self._age, self._age + 1
         return commands_of(self._ground, self._plans[:, age, 0], observations, masks)
 
-    def _may_follow(self, seen: PlanningSight) -> bool:
+    def _may_follow(self, sight: PlanningSight) -> bool:
         """Return whether all drones that decide are where their plans say, if these are to last."""
         if self._stale or len(self._plans) == 0:
             return False
@@ -103,7 +103,7 @@ class Greedy:
         now = self._plans[:, self._age]
         return all(
             one.ready > 0 or (now[d, 0] >= 0 and now[d, 1] == one.place)
-            for d, one in enumerate(seen.drones)
+            for d, one in enumerate(sight.drones)
         )
 
     def memory(self) -> dict[str, Any]:

@@ -137,24 +137,24 @@ def _is_even(energy: Energy, flight: Transit) -> bool:
 def samples_us(flight: Transit, ramp_parts: int = RAMP_PARTS) -> list[int]:
     """Return the times of a flight between which its power is near constant, from 0 to its end."""
     pieces = flight.profile.tolist()
-    found = [0]
+    times_us = [0]
     for piece, after in pairwise(pieces):
         parts = ramp_parts if piece[ACCELERATION] else 1
         span_s = after[START] - piece[START]
-        found += [round((piece[START] + span_s * k / parts) * US) for k in range(1, parts + 1)]
-    return sorted({min(t_us, flight.duration_us) for t_us in found} | {flight.duration_us})
+        times_us += [round((piece[START] + span_s * k / parts) * US) for k in range(1, parts + 1)]
+    return sorted({min(t_us, flight.duration_us) for t_us in times_us} | {flight.duration_us})
 
 
 def powers_w(
     energy: Energy, flight: Transit, ramp_parts: int = RAMP_PARTS
 ) -> list[tuple[float, float]]:
     """Return times of a flight in seconds and the power then in watts, near linear in between."""
-    found = []
+    powers = []
     for t_us in samples_us(flight, ramp_parts):
         low, high = max(0, t_us - NEAR_US), min(flight.duration_us, t_us + NEAR_US)
         used = energy.drain_of(flight, high) - energy.drain_of(flight, low)
-        found.append((t_us / US, round(used / (high - low), 3)))
-    return found
+        powers.append((t_us / US, round(used / (high - low), 3)))
+    return powers
 
 
 def _while_charging(

@@ -27,16 +27,16 @@ def rings_of_type_m(world: World, z_m: float, number: int) -> NDArray[np.float64
     """Return the radius of each class around drones of a type, as ``rings_m`` does for one."""
     levels_m, links = world.grid.levels_m, world.links[number]
     radii_m = np.maximum(links.rings_m[:, 0, :], 0.0)
-    found: NDArray[np.float64] = np.array([np.interp(z_m, levels_m, own) for own in radii_m.T])
-    return found
+    rings: NDArray[np.float64] = np.array([np.interp(z_m, levels_m, own) for own in radii_m.T])
+    return rings
 
 
 def point_rings_m(world: World, number: int) -> NDArray[np.float64]:
     """Return the radius of each class around an access point, as ``rings_m`` does for a drone."""
-    found: NDArray[np.float64] = np.maximum(
+    rings: NDArray[np.float64] = np.maximum(
         world.links[len(world.types) + number].rings_m[0, 0], 0.0
     )
-    return found
+    return rings
 
 
 def shade(classes: int) -> float:

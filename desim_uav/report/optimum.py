@@ -20,17 +20,17 @@ OptimumRow = tuple[str, str, str, str, str, Any]
 HEADINGS = ("the best", "QoE3\n%", "reward\nper step", "proven\nat most", "cells")
 
 
-def title_of(found: dict[str, Any]) -> str:
+def title_of(solution: dict[str, Any]) -> str:
     """Return what was solved."""
     title = "{scenario}, world seed {world_seed}: {drones} drone(s), {users} user(s)"
-    return printable(title.format(**found))
+    return printable(title.format(**solution))
 
 
-def print_optimum(found: dict[str, Any]) -> None:
+def print_optimum(solution: dict[str, Any]) -> None:
     """Print how well any policy could do: a row for each optimum, and the best flights."""
-    rows = list(optima(found))
+    rows = list(optima(solution))
     table = Table(
-        title=Text(title_of(found)),
+        title=Text(title_of(solution)),
         box=box.SIMPLE_HEAD,
         padding=(0, 0, 0, 1),
         title_justify="left",
@@ -46,30 +46,30 @@ def print_optimum(found: dict[str, Any]) -> None:
     for name, *_, policy in rows:
         if policy is not None:
             tell(f"{name}: {_itinerary(policy)}")
-    if found["runs"] is not None:
-        tell(runs_in_words(found["runs"]))
-    if found["runs_refused"] is not None:
-        tell(f"no bounds of runs: {found['runs_refused']}")
+    if solution["runs"] is not None:
+        tell(runs_in_words(solution["runs"]))
+    if solution["runs_refused"] is not None:
+        tell(f"no bounds of runs: {solution['runs_refused']}")
 
 
-def optima(found: dict[str, Any]) -> Iterator[OptimumRow]:
+def optima(solution: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of the table."""
-    if found["cover"] is not None:
-        yield from _hovering(found)
-    if found["one_drone"] is not None:
-        yield from _alone(found["one_drone"])
-    if found["discounted"] is not None:
-        best = found["discounted"]
+    if solution["cover"] is not None:
+        yield from _hovering(solution)
+    if solution["one_drone"] is not None:
+        yield from _alone(solution["one_drone"])
+    if solution["discounted"] is not None:
+        best = solution["discounted"]
         name, value = f"return, γ = {best['gamma']:g}", f"{best['return']:.4f}"
         yield f"{name}: {value}", "", f"{best['reward_per_step']:.4f}", "", "", best["policy"]
-    if found["runs"] is not None:
-        yield from _in_runs(found["runs"])
+    if solution["runs"] is not None:
+        yield from _in_runs(solution["runs"])
 
 
-def _hovering(found: dict[str, Any]) -> Iterator[OptimumRow]:
+def _hovering(solution: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of the best cells."""
-    cover, fair = found["cover"], found["fair_cover"]
-    at_most = f"{found['instant_at_most_percent']:.1f} %"
+    cover, fair = solution["cover"], solution["fair_cover"]
+    at_most = f"{solution['instant_at_most_percent']:.1f} %"
     yield "QoE3, at any instant", "", "", at_most, "", None
     qoe3, at_most = f"{cover['qoe3_percent']:.1f}", f"{cover['at_most_percent']:.1f} %"
     yield "QoE3, hovering", qoe3, "", at_most, _cells(cover), None
@@ -121,10 +121,10 @@ def runs_in_words(runs: dict[str, Any]) -> str:
     return f"{said}."
 
 
-def _estimate(found: dict[str, Any]) -> str:
+def _estimate(estimate: dict[str, Any]) -> str:
     """Return a mean with the half-width of its interval, if it has one."""
-    half_width = found["half_width"]
-    return f"{found['mean']:.2f}" + ("" if half_width is None else f" ± {half_width:.2f}")
+    half_width = estimate["half_width"]
+    return f"{estimate['mean']:.2f}" + ("" if half_width is None else f" ± {half_width:.2f}")
 
 
 def _cells(best: dict[str, Any]) -> str:

@@ -144,7 +144,7 @@ class Playback:
     def _changes(self) -> list[tuple[Ints, list[Mode]]]:
         """For each drone the keys of the events that change its mode, and the new modes."""
         events = self._events[self._events["kind"].isin([*LEADS_TO, "depart"])]
-        found = []
+        changes = []
         for drone, track in enumerate(self._tracks):
             mine = events[events["drone"] == drone]
             flown = dict(zip(track.starts_us.tolist(), track.modes, strict=True))
@@ -156,8 +156,8 @@ class Playback:
                 for kind, t_us in zip(mine["kind"], mine["t_us"].tolist(), strict=True)
             ]
             keys = np.concatenate(([-1], mine["key"].to_numpy()))
-            found.append((keys, [track.modes[0], *modes]))
-        return found
+            changes.append((keys, [track.modes[0], *modes]))
+        return changes
 
     def _mode(self, drone: int, key: int) -> Mode:
         keys, modes = self._changes[drone]
@@ -170,11 +170,11 @@ class Playback:
         There are none of a drone whose battery is unlimited.
         """
         world, steps = self.run.world, self.run.of("steps", self.episode)
-        found = []
+        charges = []
         for drone, begins_us in enumerate(charges_before(self.run, self.episode)):
             own, drone_type = steps[steps["drone"] == drone], world.type_of(drone)
             if not drone_type.limited:
-                found.append((np.empty(0), np.empty(0)))
+                charges.append((np.empty(0), np.empty(0)))
                 continue
             events = self._events[(self._events["drone"] == drone) & self._events["user"].isna()]
             knots = battery_curve(
@@ -189,8 +189,8 @@ class Playback:
                 self.duration_us,
             )
             t_us, left = np.array(knots, np.float64).T
-            found.append((t_us / US, left / drone_type.drain_per_s))
-        return found
+            charges.append((t_us / US, left / drone_type.drain_per_s))
+        return charges
 
     def _battery_s(self, drone: int, t_us: int) -> float | None:
         t_s, battery_s = self.batteries[drone]
@@ -278,8 +278,8 @@ class Playback:
         length = times[after] - times[before]
         moves = length > 0  # otherwise it is a user's last way point
         share = np.where(moves, (t_us - times[before]) / np.where(moves, length, 1), 0.0)
-        found: Floats = places[before] + share[:, None] * (places[after] - places[before])
-        return found
+        users_m: Floats = places[before] + share[:, None] * (places[after] - places[before])
+        return users_m
 
     # ---- measures
 

@@ -110,11 +110,11 @@ class FreeLegs:
     @cached_property
     def shown(self) -> tuple[Shown, ...]:
         """The ways at the highest speed of commands, and a level one at the lowest, if chosen."""
-        found = [Shown(way.name, way, ANY_SPEED) for way in self.ways]
+        ways = [Shown(way.name, way, ANY_SPEED) for way in self.ways]
         if self.choice is not None:
             way = self._level_ways[-1]  # without wind, or across it
-            found.append(Shown(f"{way.name}, lowest speed", way, self.choice[0]))
-        return tuple(found)
+            ways.append(Shown(f"{way.name}, lowest speed", way, self.choice[0]))
+        return tuple(ways)
 
     # ---- limits
 
@@ -126,8 +126,8 @@ class FreeLegs:
     @cached_property
     def choice(self) -> tuple[float, float] | None:
         """The lowest and the highest speed that commands can choose; None if they choose none."""
-        found = self.own.space.cruise_mps
-        return None if found == NO_CHOICE else found
+        speeds_mps = self.own.space.cruise_mps
+        return None if speeds_mps == NO_CHOICE else speeds_mps
 
     @cached_property
     def cruises_mps(self) -> list[float]:
@@ -201,12 +201,12 @@ class FreeLegs:
 
     def steps_j(self) -> dict[str, float]:
         """Return what steps take in joules, by name: a hover, and commands with their lengths."""
-        found = {"hover": self._hover_j(self._step_us)}
+        energies_j = {"hover": self._hover_j(self._step_us)}
         for way in self.ways + self.vertical_ways:
             lengths_m = [way.longest_m, self.typical_m] if way.level else [way.longest_m]
             for metres in lengths_m:
-                found[f"{way.name}, {_in_metres(metres)}"] = self.step_j(way, metres)
-        return found
+                energies_j[f"{way.name}, {_in_metres(metres)}"] = self.step_j(way, metres)
+        return energies_j
 
     def _hover_j(self, lasts_us: int) -> float:
         return self.battery.drain_of(self.own.rest, lasts_us) / 1e6

@@ -89,7 +89,7 @@ class Film:
         grid = world.grid
         served = np.bincount(moment.serving[moment.serving >= 0], minlength=len(moment.modes))
         held = np.bincount(moment.holders[moment.holders >= 0], minlength=len(moment.modes))
-        seen = tuple(
+        observations = tuple(
             Observation(
                 drone,
                 step,
@@ -106,7 +106,7 @@ class Film:
             )
             for drone, (x, y, z) in enumerate(moment.drones_m.tolist())
         )
-        return Snapshot(step, moment.t_us, False, False, seen, (), (), (), ())
+        return Snapshot(step, moment.t_us, False, False, observations, (), (), (), ())
 
 
 class MomentView:
@@ -164,9 +164,9 @@ def _palette(film: Film) -> Image.Image:
     for number, frame in enumerate(frames):
         sheet.paste(frame, (0, number * film.size[1]))
     meant = [getrgb(colour) for colour in sprites.NAMED]
-    found = sheet.quantize(COLOURS - len(meant), Image.Quantize.MEDIANCUT, dither=NO_DITHER)
+    colours = sheet.quantize(COLOURS - len(meant), Image.Quantize.MEDIANCUT, dither=NO_DITHER)
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*chain.from_iterable(meant), *(found.getpalette() or [])])
+    palette.putpalette([*chain.from_iterable(meant), *(colours.getpalette() or [])])
     return palette
 
 

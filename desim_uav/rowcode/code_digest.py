@@ -63,17 +63,19 @@ def code_digest(function: FunctionType, placed: bool = False) -> str:
     as well, and so does the code that compiles rows. Raises UndescribedError with the name of a
     value on which compiled code depends, if that value cannot be described.
     """
-    found: dict[FunctionType, int] = {}
-    texts = list(_reach(found, [function]))
-    rows = sorted(_rows_of(found), key=layout_of)
+    number_of: dict[FunctionType, int] = {}
+    texts = list(_reach(number_of, [function]))
+    rows = sorted(_rows_of(number_of), key=layout_of)
     methods = [sorted(vars(row).items()) for row in rows]
-    texts += _reach(found, [of for parts in methods for _, of in parts if type(of) is FunctionType])
-    if rows or RULES.intersection(found):
+    texts += _reach(
+        number_of, [of for parts in methods for _, of in parts if type(of) is FunctionType]
+    )
+    if rows or RULES.intersection(number_of):
         functions = [*_functions_of(*COMPILING), cast(FunctionType, compiled_apart.called_by_cell)]
-        texts += _reach(found, functions)
+        texts += _reach(number_of, functions)
     texts += map(layout_of, rows)
     if placed:
-        texts += [f"{number}: {_lines(one.__code__)}" for one, number in found.items()]
+        texts += [f"{number}: {_lines(one.__code__)}" for one, number in number_of.items()]
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
@@ -96,25 +98,25 @@ def class_digest(cls: type) -> str:
 
 
 def _reach(
-    found: dict[FunctionType, int], functions: list[FunctionType], ours: bool = True
+    number_of: dict[FunctionType, int], functions: list[FunctionType], ours: bool = True
 ) -> Iterator[str]:
     """Yield the texts of functions and of all that they call, with the numbers of these in them.
 
-    ``found`` has the number of each function, in the order in which they are met: two functions
+    ``number_of`` has the number of each function, in the order in which they are met: two functions
     may have the same name. If not ``ours``, functions of this package are left out.
     """
-    waiting = [one for one in functions if one not in found]
+    waiting = [one for one in functions if one not in number_of]
     for one in waiting:  # which grows
-        found.setdefault(one, len(found))
+        number_of.setdefault(one, len(number_of))
     for one in waiting:
         text, called = _described(one)
         if not ours:
             called = [other for other in called if not str(other.__module__).startswith(OURS)]
         for other in called:
-            if other not in found:
-                found[other] = len(found)
+            if other not in number_of:
+                number_of[other] = len(number_of)
                 waiting.append(other)
-        yield f"{found[one]}: {text} {[found[other] for other in called]}"
+        yield f"{number_of[one]}: {text} {[number_of[other] for other in called]}"
 
 
 def _functions_of(*modules: ModuleType) -> list[FunctionType]:
@@ -266,17 +268,17 @@ def _is_used(code: CodeType, name: str) -> bool:
 @cache
 def _loaded(code: CodeType) -> tuple[tuple[str, ...], ...]:
     """Return the names that code loads from outside, each with the attributes that follow it."""
-    found, follows = list[list[str]](), False
+    chains, follows = list[list[str]](), False
     for one in dis.get_instructions(code):
         if one.opname in ("LOAD_GLOBAL", "LOAD_DEREF", "LOAD_CLASSDEREF"):
-            found.append([one.argval])
+            chains.append([one.argval])
             follows = True
         elif one.opname in ("LOAD_ATTR", "LOAD_METHOD") and follows:
-            found[-1].append(one.argval)
+            chains[-1].append(one.argval)
         elif one.opname != "EXTENDED_ARG":
             follows = False
     inner = [_loaded(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
-    return tuple(dict.fromkeys([*map(tuple, found), *(one for each in inner for one in each)]))
+    return tuple(dict.fromkeys([*map(tuple, chains), *(one for each in inner for one in each)]))
 
 
 @cache

@@ -224,8 +224,8 @@ def _checked(operation: Any, name: str, *others: Any) -> None:
         def typed(row: Any, place: Any, *values: Any) -> Any:
             if not _method_of(row, name) or not _is_bounded(row):
                 return None
-            _, found = resolved(typing_context, (row, place, *values))
-            return signature(found.return_type, row, place, *values)
+            _, call = resolved(typing_context, (row, place, *values))
+            return signature(call.return_type, row, place, *values)
 
         return typed
 
@@ -238,8 +238,8 @@ def _checked(operation: Any, name: str, *others: Any) -> None:
             with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", at, count)):
                 met, of = (at, count), f"the {bound}"
                 fail_outside(context, builder, row.owner, of, place_lowered(), met)
-        method, found = resolved(context.typing_context, sig.args)
-        return context.get_function(method, found)(builder, arguments)
+        method, call = resolved(context.typing_context, sig.args)
+        return context.get_function(method, call)(builder, arguments)
 
 
 _checked(operator.getitem, "__getitem__")

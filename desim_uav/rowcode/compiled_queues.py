@@ -31,10 +31,10 @@ class _Checked(AbstractTemplate):
     def generic(self, arguments: Any, keywords: Any) -> Any:
         """Return the types with which it is called, or None."""
         kinds = [types.unliteral(kind) for kind in arguments]
-        _, found = _bare(self.context, self.this, self.key, kinds)
-        if found is None:
+        _, result_type = _bare(self.context, self.this, self.key, kinds)
+        if result_type is None:
             return None
-        result = found.return_type
+        result = result_type.return_type
         if isinstance(result, Pointer):
             result = Pointer(result.cls, self.this.owner or "")
         return signature(result, *kinds, recvr=self.this)
@@ -61,8 +61,8 @@ def _checked(name: str, index_of: Any) -> Any:
         index, count = cgutils.unpack_tuple(builder, met, 2)
         with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", index, count)):
             fail_outside(context, builder, line.owner, line.called, place_lowered(), (index, count))
-        method, found = _bare(context.typing_context, line, name, kinds)
-        made = context.get_function(method, found)
+        method, call_type = _bare(context.typing_context, line, name, kinds)
+        made = context.get_function(method, call_type)
         context.add_linking_libs(getattr(made, "libs", ()))
         return made(builder, arguments)
 

@@ -137,10 +137,10 @@ place_of: Any = intrinsic(_place_of)
 
 @overload(address)
 def _of_address(one: Any) -> Any:
-    def found(one: Any) -> Any:
+    def row_at(one: Any) -> Any:
         return place_of(one)
 
-    return found
+    return row_at
 
 
 def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:

@@ -224,8 +224,8 @@ def cause_of(error: Exception, component: Any) -> str:
 
 def _fields_instead(line: str) -> str:
     """Return the fields of a row, if Numba's message names a field that it does not have."""
-    found = re.search(r"Unknown attribute '(\w+)' of type ([\w.]+)\.(\w+?)[0-9a-f]{8}\b", line)
-    if found is None:
+    match = re.search(r"Unknown attribute '(\w+)' of type ([\w.]+)\.(\w+?)[0-9a-f]{8}\b", line)
+    if match is None:
         return ""
-    row_class = getattr(sys.modules.get(found[2]), found[3], None)
-    return "" if row_class is None else has_instead(row_class, found[1])
+    row_class = getattr(sys.modules.get(match[2]), match[3], None)
+    return "" if row_class is None else has_instead(row_class, match[1])

@@ -206,17 +206,17 @@ class MachineCode(FunctionCache):
 
         Raises NotOnDiskError instead of returning None in a block ``only_from_disk``.
         """
-        found = None
+        code = None
         try:
-            found = super().load_overload(sig, target_context)
+            code = super().load_overload(sig, target_context)
         except Exception as error:
             with suppress(OSError):  # another process may have removed it, with a notice
                 self.file.path.unlink()
                 problem = f"damaged compiled code is removed and made anew: {self.file.path}"
                 _say_once("damaged", f"{problem} ({error})")
-        if found is None and _ONLY_FROM_DISK.get():
+        if code is None and _ONLY_FROM_DISK.get():
             raise NotOnDiskError(self.file.origin is not None)
-        return found
+        return code
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the machine code for a signature, if it can be written."""
@@ -275,8 +275,8 @@ class CodeFile:
     def load(self, key: Any) -> Any:
         """Return the object that was saved under a key, or None."""
         vars(self).pop("origin", None)  # a value may have changed since the last signature
-        found = self.read().get(key)
-        return None if found is None else pickle.loads(found)
+        pickled = self.read().get(key)
+        return None if pickled is None else pickle.loads(pickled)
 
     def save(self, key: Any, data: Any) -> None:
         """Save an object under a key; the other keys stay as they are."""

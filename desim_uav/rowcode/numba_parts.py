@@ -125,8 +125,8 @@ def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
     It is called as compiled code calls a function, and returns whether it has ended by an error.
     """
     compiled.compile(arguments)
-    found = compiled.overloads[arguments]
-    return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+    code = compiled.overloads[arguments]
+    return int(code.library.get_pointer_to_function(code.fndesc.llvm_func_name))
 
 
 add_symbol(NOTE, NOTE_AT)
@@ -148,9 +148,9 @@ def _check_array(context: Any, builder: Any, k: Any, size: Any, axis: int = 0) -
     """
     with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", k, size)):
         negative = builder.icmp_signed("<", k, k.type(0))
-        told = builder.select(negative, builder.sub(k, size), k)
+        index = builder.select(negative, builder.sub(k, size), k)
         place, owner = _function_lowered()
-        fail_outside(context, builder, owner, f"axis {axis}", place, (told, size))
+        fail_outside(context, builder, owner, f"axis {axis}", place, (index, size))
 
 
 cgutils.do_boundscheck = _check_array

@@ -397,8 +397,8 @@ def address(one: Any) -> int:
     """
     if isinstance(one, ctypes.Structure):
         return ctypes.addressof(one)
-    found: int = one.address
-    return found
+    number: int = one.address
+    return number
 
 
 def shaped(entries: Any, shape: tuple[int, ...]) -> Any:

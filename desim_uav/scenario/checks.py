@@ -60,32 +60,32 @@ def a_battery_needs_a_station(scenario: Scenario) -> Iterator[Finding]:
 
 def stations_have_their_own_cells(scenario: Scenario) -> Iterator[Finding]:
     """Two stations on one cell."""
-    seen: dict[Cell, int] = {}
+    station_on: dict[Cell, int] = {}
     for station, cell in enumerate(station_cells(scenario)):
-        if cell in seen:
+        if cell in station_on:
             yield Finding(
                 ("stations", "radius_m"),
-                f"stations {seen[cell]} and {station} stand on one cell {_shown(cell)}; "
+                f"stations {station_on[cell]} and {station} stand on one cell {_shown(cell)}; "
                 f"take fewer stations, a larger circle or smaller cells",
                 (("stations", "count"), *_GRID),
             )
             return
-        seen[cell] = station
+        station_on[cell] = station
 
 
 def drones_start_on_the_map(scenario: Scenario) -> Iterator[Finding]:
     """Start cells: one a drone, each on the map."""
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
-        given, path = drones.start_cells, (*key, "start_cells")
-        if given is None:
+        cells, path = drones.start_cells, (*key, "start_cells")
+        if cells is None:
             continue
-        if len(given) != drones.count:
+        if len(cells) != drones.count:
             yield Finding(
                 path,
-                f"must be one cell a drone: {drones.count}, not {len(given)}",
+                f"must be one cell a drone: {drones.count}, not {len(cells)}",
                 ((*key, "count"),),
             )
-        for index, cell in enumerate(given):
+        for index, cell in enumerate(cells):
             if not _on_map(scenario, cell):
                 yield Finding((*path, index), _off_map(scenario), (("map", "cells"),))
 
@@ -175,13 +175,13 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         if flies_freely(drones):
             continue
-        seen = set()
+        problems = set()
         if problem_in_wind(drones, scenario.wind_mps):
             continue
         for which, (way, distance) in hops.items():
             problem = _transit_problem(scenario, drones, way, distance)
-            if problem and problem not in seen:
-                seen.add(problem)
+            if problem and problem not in problems:
+                problems.add(problem)
                 message = f"a hop {which} cannot be flown: {problem}"
                 yield Finding((*key, "motion"), message, also)
 
@@ -344,20 +344,20 @@ def _listed_obstacles(scenario: Scenario, obstacles: ListedObstacles) -> Iterato
     layout = (("stations",), *own)
     kept_free = dict.fromkeys(start_cells(scenario), "a start cell")
     kept_free |= dict.fromkeys(station_cells(scenario), "a station's cell")
-    seen: dict[Cell, int] = {}
+    index_of: dict[Cell, int] = {}
     sound = True
     for index, (ix, iy, _) in enumerate(obstacles.cells):
         cell, problem, also = (ix, iy), "", (*_GRID, *layout)
         if not _on_map(scenario, cell):
             problem, also = _off_map(scenario), (("map", "cells"),)
-        elif cell in seen:
-            problem, also = f"this cell is given twice, first as {path[-1]}.{seen[cell]}", ()
+        elif cell in index_of:
+            problem, also = f"this cell is given twice, first as {path[-1]}.{index_of[cell]}", ()
         elif cell in kept_free:
             problem = f"a building on {kept_free[cell]}"
         if problem:
             sound = False
             yield Finding((*path, index), problem, also)
-        seen.setdefault(cell, index)
+        index_of.setdefault(cell, index)
     if sound:
         yield from _cut_off(scenario, obstacles, list(kept_free), (*_GRID, *layout))
 

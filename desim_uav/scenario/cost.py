@@ -121,7 +121,7 @@ def check_cost(scenario: Scenario, engine: str | None = None, keep_events: bool 
     """
     engines = (engine,) if engine else ("des", "batch")
     costs = (cost(scenario, name, keep_events) for name in engines)
-    least = min(costs, key=lambda found: found.memory_bytes)
+    least = min(costs, key=lambda cost: cost.memory_bytes)
     there = available_bytes()
     problems = []
     if least.event_count > MOST_EVENTS:
@@ -213,12 +213,12 @@ def _ways_back(scenario: Scenario) -> int:
 
     Drones that fly freely look for their ways while they fly.
     """
-    found: list[tuple[object, object]] = []
+    fleets: list[tuple[object, object]] = []
     for drones in scenario.fleet:
         flown = drones.motion, drones.battery
-        if drones.battery is not None and not flies_freely(drones) and flown not in found:
-            found.append(flown)
-    return len(found)
+        if drones.battery is not None and not flies_freely(drones) and flown not in fleets:
+            fleets.append(flown)
+    return len(fleets)
 
 
 def _event_log(logged: Sequence[CostPart], n: _Counts) -> CostPart:

@@ -110,10 +110,10 @@ def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
 def places_are_in_metres(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about positions and zones that look like longitudes and latitudes."""
     area = Area(*scenario.map.size_m)
-    given = {"users.positions_m": scenario.users.positions_m or ()}
+    positions = {"users.positions_m": scenario.users.positions_m or ()}
     for number, zone in enumerate(scenario.map.no_fly):
-        given[f"map.no_fly.{number}.polygon_m"] = zone.polygon_m
-    for key, places_m in given.items():
+        positions[f"map.no_fly.{number}.polygon_m"] = zone.polygon_m
+    for key, places_m in positions.items():
         if not places_m:
             continue
         extent = extent_of(np.array(places_m))

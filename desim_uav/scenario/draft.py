@@ -72,8 +72,8 @@ class ScenarioDraft:
         If no value was given at ``path``, the problem is reported at the first path of ``also``
         that has one. A problem of several values is that of the override which set one of them.
         """
-        given = [p for p in (path, *also) if self.has(p)]
-        where = next((p for p in given if self._origin(p)), given[0] if given else path)
+        present = [p for p in (path, *also) if self.has(p)]
+        where = next((p for p in present if self._origin(p)), present[0] if present else path)
         subject = ".".join(shortened(str(part)) for part in path)
         if self.has(path) and not key:
             subject += f": {shown(self.get(path))}"

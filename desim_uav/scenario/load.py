@@ -222,14 +222,14 @@ def _validated(draft: ScenarioDraft, base: Path | None) -> Scenario | None:
     try:
         scenario: Scenario = strictly(Scenario, data, {"base": base})
     except ValidationError as error:
-        found = complaints(error, draft)
+        mistakes = complaints(error, draft)
     else:
         return scenario
-    for complaint in found:
+    for complaint in mistakes:
         if not draft.depends_on_refused([complaint.path]):
             draft.at(complaint.path, complaint.message, key=complaint.at_key)
-    dropped = [draft.drop(complaint.drop) for complaint in found]
-    draft.doubtful += [c.mistaken_for for c in found if c.mistaken_for]
+    dropped = [draft.drop(complaint.drop) for complaint in mistakes]
+    draft.doubtful += [c.mistaken_for for c in mistakes if c.mistaken_for]
     if not any(dropped):
         draft.data = {}
     return None

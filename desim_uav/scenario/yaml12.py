@@ -85,8 +85,8 @@ def shortened(text: str) -> str:
 
 def unprintable_in(text: str) -> str:
     """Return a message about the first character that is not allowed in a text, or ""."""
-    found = _UNPRINTABLE.search(text)
-    return f"character U+{ord(found.group()):04X} is not allowed" if found else ""
+    match = _UNPRINTABLE.search(text)
+    return f"character U+{ord(match.group()):04X} is not allowed" if match else ""
 
 
 _UNPRINTABLE = re.compile(

@@ -101,7 +101,8 @@ def _pay(world: World) -> Callable[..., None]:
     def pay_by_observation(constants: Any, state: Any) -> None:
         asked = tuple(state.asked)
         state.named_terms = [
-            reward.terms(seen, asked, world.facts_of(seen.drone)) for seen in state.observed()
+            reward.terms(observation, asked, world.facts_of(observation.drone))
+            for observation in state.observed()
         ]
         if state.share != 1.0:
             state.named_terms = [

@@ -45,7 +45,7 @@ class UavTask(TaskClass):  # type: ignore[misc]
         ``config`` are changes to it, such as another observation or reward. The parameters are
         those of ``UavTorchEnv``, which raises the errors when an experiment makes environments.
         """
-        given = {
+        settings = {
             "scenario": scenario,
             "config": dict(config or {}),
             "world_seed": world_seed,
@@ -54,7 +54,7 @@ class UavTask(TaskClass):  # type: ignore[misc]
             "curriculum": curriculum,
         }
         name = scenario if isinstance(scenario, str) else getattr(scenario, "name", "scenario")
-        return cls(str(name), given)
+        return cls(str(name), settings)
 
     @staticmethod
     def env_name() -> str:

@@ -146,8 +146,8 @@ def replay(
 ) -> dict[str, Any]:
     """Give the commands of a submission again, and return its row without times and bounds."""
     world, results = _run(task, track, seed, Replayer(commands, ceiling), "the submission")
-    found = measures(results, world.scenario)
-    return {"world_seed": world.seed, **found, "digest": digest(results)}
+    values = measures(results, world.scenario)
+    return {"world_seed": world.seed, **values, "digest": digest(results)}
 
 
 def replayed(scenario: Scenario) -> tuple[str, ...]:
@@ -157,10 +157,10 @@ def replayed(scenario: Scenario) -> tuple[str, ...]:
 
 def measures(results: Results, scenario: Scenario) -> dict[str, float | None]:
     """Return the measures of the counted episodes of a run."""
-    found: dict[str, Any] = headline(results.requests, results.episodes)
-    found["crashes_per_drone_episode"] = found["crashes"] / (EPISODES * scenario.drone_count)
-    found["worst_tenth_qoe1_percent"] = worst_tenth(counted(results.requests))
-    return {name: found[name] for name in replayed(scenario)}
+    values: dict[str, Any] = headline(results.requests, results.episodes)
+    values["crashes_per_drone_episode"] = values["crashes"] / (EPISODES * scenario.drone_count)
+    values["worst_tenth_qoe1_percent"] = worst_tenth(counted(results.requests))
+    return {name: values[name] for name in replayed(scenario)}
 
 
 def worst_tenth(requests: pd.DataFrame) -> float | None:
@@ -172,14 +172,14 @@ def worst_tenth(requests: pd.DataFrame) -> float | None:
 
 def digest(results: Results) -> str:
     """Return a SHA-256 of a run: of its requests and of the drones' states after each step."""
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for name, columns in DIGESTED.items():
         frame = getattr(results, name)
         for column in columns:
             values = frame[column].to_numpy(dtype=np.float64, na_value=np.nan)
-            found.update(f"{name}.{column}:{len(values)};".encode())
-            found.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
-    return found.hexdigest()
+            sha256.update(f"{name}.{column}:{len(values)};".encode())
+            sha256.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
+    return sha256.hexdigest()
 
 
 def _run(

@@ -185,11 +185,11 @@ def policy_sha256(policy: str) -> str | None:
     file = file_of(policy)
     if file is None:
         return None
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for each in sorted(file.rglob("*")) if file.is_dir() else [file]:
         if each.is_file():
-            found.update(each.read_bytes())
-    return found.hexdigest()
+            sha256.update(each.read_bytes())
+    return sha256.hexdigest()
 
 
 def _measured(

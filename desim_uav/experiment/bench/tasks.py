@@ -87,11 +87,11 @@ class Task:
     def scenario(self, track: BenchTrack) -> Scenario:
         """Return the scenario of a track. Raises ScenarioError if the file has been edited."""
         loaded = load(self.path)
-        found = scenario_hash(loaded)
-        if found != self.scenario_hash:
+        digest = scenario_hash(loaded)
+        if digest != self.scenario_hash:
             raise ScenarioError(
                 f"{self.path}: the scenario of {self.name} is frozen and has been changed: its "
-                f"hash is {found}, but the registry has {self.scenario_hash}"
+                f"hash is {digest}, but the registry has {self.scenario_hash}"
             )
         return loaded.model_copy(update={"world_seed": track.world_seed})
 
@@ -100,10 +100,10 @@ class Task:
 def tasks() -> dict[str, Task]:
     """Return all tasks by their whole names."""
     hashes = json.loads((bench_folder() / "registry.json").read_text(encoding="utf-8"))
-    found = [
+    registry = [
         Task(family, size, hashes[f"{family}-{size}"]) for family in FAMILIES for size in SIZES
     ]
-    return {task.name: task for task in found}
+    return {task.name: task for task in registry}
 
 
 def find_task(name: str) -> Task:

@@ -135,8 +135,12 @@ def gallery(names: Sequence[str] = (), show_progress: bool = False) -> list[Comp
 
 def count(compared: Sequence[Compared]) -> dict[str, int]:
     """Return how many rows hold, how many do not, and how many are open."""
-    found = [row.holds for one in compared for row in one.rows]
-    return {"hold": found.count(True), "fail": found.count(False), "open": found.count(None)}
+    verdicts = [row.holds for one in compared for row in one.rows]
+    return {
+        "hold": verdicts.count(True),
+        "fail": verdicts.count(False),
+        "open": verdicts.count(None),
+    }
 
 
 def summary(compared: Sequence[Compared]) -> str:

@@ -56,7 +56,7 @@ def packing(count: int) -> tuple[float, Array]:
         angles = random.uniform(0.0, 2.0 * math.pi, count)
         places = 0.8 * random.uniform(size=count) ** 0.25  # most of them near the edge
         centres = np.column_stack([places * np.cos(angles), places * np.sin(angles)])
-        found = minimize(
+        solution = minimize(
             lambda z: -z[-1],
             np.append(centres, 0.02),
             jac=lambda z: np.append(np.zeros(len(z) - 1), -1.0),
@@ -64,8 +64,8 @@ def packing(count: int) -> tuple[float, Array]:
             method="SLSQP",
             options={"maxiter": 200, "ftol": 1e-10},
         )
-        if found.x[-1] > best[0] and _room(found.x).min() > -1e-9:
-            best = float(found.x[-1]), found.x[:-1].reshape(-1, 2)
+        if solution.x[-1] > best[0] and _room(solution.x).min() > -1e-9:
+            best = float(solution.x[-1]), solution.x[:-1].reshape(-1, 2)
     return best
 
 

@@ -72,9 +72,9 @@ def cure_rows() -> Iterator[GalleryRow]:
 
 def _row(figure: str, where: str, theirs: float, values: NDArray[np.generic]) -> GalleryRow:
     """Return a row of a mean over users, which are independent of each other."""
-    found = np.asarray(values, float)
-    error = float(found.std(ddof=1)) / math.sqrt(len(found))
-    return GalleryRow(figure, where, theirs, float(found.mean()), 4.0 * error, 4)
+    sample = np.asarray(values, float)
+    error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
+    return GalleryRow(figure, where, theirs, float(sample.mean()), 4.0 * error, 4)
 
 
 @cache
@@ -98,8 +98,8 @@ def speeds_at(walks: Walks, t_s: float) -> Floats:
     users = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
     begun = legs[:, T0_US] <= t_s * US
     now = np.bincount(users[begun], minlength=len(offsets) - 1) + offsets[:-1] - 1
-    found: Floats = np.hypot(legs[now, VX], legs[now, VY])
-    return found
+    speeds_mps: Floats = np.hypot(legs[now, VX], legs[now, VY])
+    return speeds_mps
 
 
 def lengths_of_ways() -> Floats:
@@ -107,8 +107,8 @@ def lengths_of_ways() -> Floats:
     legs, offsets = walked((1.0, 19.0), (0.0, 0.0), "home")
     second = offsets[:-1] + 1
     lasts_s = (legs[second + 1, T0_US] - legs[second, T0_US]) / US
-    found: Floats = np.hypot(legs[second, VX], legs[second, VY]) * lasts_s
-    return found
+    lengths_m: Floats = np.hypot(legs[second, VX], legs[second, VY]) * lasts_s
+    return lengths_m
 
 
 def draw() -> Figure:

@@ -38,6 +38,6 @@ def shown_of(run_dir: Path, beside: Path | None, episodes: str | None) -> Shown:
         return Shown([run_dir] if beside is None else [run_dir, beside], episodes)
     if beside is not None:
         raise UsageError(f"{run_dir}: it has two branches, so nothing else fits beside them")
-    told = read_json(file, Told, "the description of a fork")
-    since = f"{told['episode']}-{told['episodes'] - 1}"
+    about = read_json(file, Told, "the description of a fork")
+    since = f"{about['episode']}-{about['episodes'] - 1}"
     return Shown([run_dir / branch for branch in BRANCHES], episodes or since)

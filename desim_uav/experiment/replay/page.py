@@ -73,15 +73,15 @@ def write_replay(
     the folder of a counterfactual, both branches are shown.
     Raises as ``make_replay`` does, and UsageError if the page cannot be written.
     """
-    given = [Source.of(run) for run in (run_dir, beside) if run is not None]
-    first, second = given[0].folder, given[1].folder if len(given) > 1 else None
+    sources = [Source.of(run) for run in (run_dir, beside) if run is not None]
+    first, second = sources[0].folder, sources[1].folder if len(sources) > 1 else None
     name = f"replay-{second.resolve().name}.html" if second else "replay.html"
     file = first / name if html is None else html
     place = file_place(file, "" if html is None else "--html")
-    shown = shown_of(first, second, episodes)
-    if shown.folders != [source.folder for source in given]:
-        given = [Source(folder) for folder in shown.folders]
-    made = make_replay(given, shown.episodes, show_progress, most_bytes)
+    choice = shown_of(first, second, episodes)
+    if choice.folders != [source.folder for source in sources]:
+        sources = [Source(folder) for folder in choice.folders]
+    made = make_replay(sources, choice.episodes, show_progress, most_bytes)
     write_at(place, made.content)
     return Written(**vars(made), file=file)
 

@@ -50,13 +50,13 @@ def _differences(first: Run, second: Run) -> Iterator[tuple[str, Any, Any]]:
 
 def _flat(content: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     """Return the keys of a nested mapping with their paths, such as ``users.count``."""
-    found: dict[str, Any] = {}
+    paths: dict[str, Any] = {}
     for key, value in content.items():
         if isinstance(value, Mapping):
-            found |= _flat(value, f"{above}{key}.")
+            paths |= _flat(value, f"{above}{key}.")
         else:
-            found[f"{above}{key}"] = value
-    return found
+            paths[f"{above}{key}"] = value
+    return paths
 
 
 def _span(episodes: list[int]) -> str:

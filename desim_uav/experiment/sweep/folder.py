@@ -55,16 +55,16 @@ class SweepFolder:
         with held(self.out):
             yield
 
-    def open(self, given: Given, todo: Sequence[Job], resume: bool, command: list[str]) -> bool:
+    def open(self, base: Given, todo: Sequence[Job], resume: bool, command: list[str]) -> bool:
         """Make the folder for these jobs, or check that it belongs to them.
 
-        ``given`` is the scenario. A sweep can be continued with more jobs, but must keep all
+        ``base`` is the scenario. A sweep can be continued with more jobs, but must keep all
         that it has. Returns whether the folder held a sweep.
 
         Raises UsageError if the folder cannot be used, and PolicyError if it belongs
         to another sweep.
         """
-        plan = self._plan(given, todo)
+        plan = self._plan(base, todo)
         try:
             begun = self._begun()
             if begun and not resume:
@@ -85,18 +85,18 @@ class SweepFolder:
 
     def rows(self, todo: Sequence[Job]) -> dict[str, JobRow]:
         """Return the rows of the jobs that have ended, by job. Damaged rows are left out."""
-        found = {}
+        row_of = {}
         for job in todo:
             row = read_row(self.out, self.columns, job.id)
             if row is not None:
-                found[job.id] = row
-        return found
+                row_of[job.id] = row
+        return row_of
 
     def keep(self, job: Job, outcome: JobOutcome) -> JobRow:
         """Store the row of a job that has ended, after the Q-table that it learned."""
         assert outcome.measures is not None, "the job has not failed"
-        found = job.row(outcome.measures)
-        row = {name: found.get(name) for name in self.columns}  # some may have no energy
+        values = job.row(outcome.measures)
+        row = {name: values.get(name) for name in self.columns}  # some may have no energy
         if outcome.table is not None:
             write_whole(self.out / TABLES / f"{job.id}.npz", outcome.table)
         write_whole(self._file(job), self._parquet(row))
@@ -111,11 +111,11 @@ class SweepFolder:
         else:
             file.unlink(missing_ok=True)
 
-    def _plan(self, given: Given, todo: Sequence[Job]) -> dict[str, Any]:
+    def _plan(self, base: Given, todo: Sequence[Job]) -> dict[str, Any]:
         arms = list({id(job.arm): job.arm for job in todo}.values())
         combinations = {arm.combination.settings: arm for arm in arms}
         return {
-            "scenario": {"name": arms[0].scenario.name} | given.about(),
+            "scenario": {"name": arms[0].scenario.name} | base.about(),
             "columns": self.columns,
             "episodes": todo[0].episodes,
             "warmup": todo[0].warmup,
@@ -208,16 +208,16 @@ def _schema(columns: Mapping[str, str]) -> pa.Schema:
 def read_manifest(file: Path) -> dict[str, Any]:
     """Read the manifest of a sweep. Raises PolicyError if it is unreadable or incomplete."""
     try:
-        found = json.loads(text_of(file, MOST_BYTES))
+        manifest = json.loads(text_of(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
         raise PolicyError(f"{file}: not a readable manifest: {reason}") from error
     for key, of_type in PLAN.items():
-        if not isinstance(found, dict) or not isinstance(found.get(key), of_type):
+        if not isinstance(manifest, dict) or not isinstance(manifest.get(key), of_type):
             raise PolicyError(f"{file}: not the manifest of a sweep: it has no {key}")
-    if not isinstance(found.get("versions"), dict) or "desim-uav" not in found["versions"]:
+    if not isinstance(manifest.get("versions"), dict) or "desim-uav" not in manifest["versions"]:
         raise PolicyError(f"{file}: not the manifest of a sweep: it has no versions")
-    return dict(found)
+    return dict(manifest)
 
 
 def _typed(columns: dict[str, str]) -> str:

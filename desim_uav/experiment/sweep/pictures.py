@@ -38,9 +38,9 @@ def plot_sweep(
     if not {*measures} <= {*results.measures}:
         raise UsageError(f"--measure {ENERGY}: no battery in this sweep is measured in Wh")
     if not results.keys and not key:
-        found = content(results, {})
+        table = content(results, {})
         titles = {name: (COMPARED | OF_ENERGY)[name][0] for name in measures}
-        return intervals_figure(found["estimates"], found["policies"], titles, False)
+        return intervals_figure(table["estimates"], table["policies"], titles, False)
     wanted = _wanted(key or ())
     held = {name: value for name, value in wanted.items() if value is not None}
     return sweep_figure(content(chosen_keys(results, wanted), held), measures)
@@ -54,10 +54,10 @@ def sweep_report(folder: Path, title: str | None) -> str:
     held: dict[str, str | None] = {
         key: word(values[0]) for key, values in list(results.keys.items())[MOST_KEYS:]
     }
-    left_out, shown = "", {}
+    left_out, table = "", {}
     try:
         chosen = chosen_keys(results, held) if results.keys else results
-        shown = content(chosen, held)
+        table = content(chosen, held)
     except UsageError as error:
         left_out = f"There is no figure. {error}"
     return sweep_page(
@@ -65,7 +65,7 @@ def sweep_report(folder: Path, title: str | None) -> str:
             folder,
             results.manifest,
             content(results, {}),
-            shown,
+            table,
             left_out,
             len(results.rows),
             results.failures,

@@ -146,27 +146,29 @@ def arms(
     ScenarioError with all problems of all scenarios, or else PolicyError with all of the policies.
     """
     algorithms, policies = asked.algorithm_names(swept), asked.policy_names()
-    found: list[Arm] = []
+    listing: list[Arm] = []
     problems, reasons = Problems(), dict[str, None]()
     for combination in combinations(swept):
         problems.combinations.append(combination)
         if policies:
             with problems.noted():
-                found += _policy_arms(asked, combination, policies, reasons)
+                listing += _policy_arms(asked, combination, policies, reasons)
         for algorithm in algorithms:
             with problems.noted():
-                found.append(_learning_arm(asked, combination, algorithm, reasons))
+                listing.append(_learning_arm(asked, combination, algorithm, reasons))
     problems.complain()
     for reason in reasons:
         say(reason)
-    return found
+    return listing
 
 
 def warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
     """Return a warning for each policy that was learned in a world outside the sweep."""
     worlds = {(arm.scenario.world_seed, arm.policy): arm for arm in tried if not arm.algorithm}
-    found = (out_of_place(arm.scenario, {arm.policy: arm.policy}, seeds) for arm in worlds.values())
-    return list(dict.fromkeys(warning for some in found for warning in some))
+    notices = (
+        out_of_place(arm.scenario, {arm.policy: arm.policy}, seeds) for arm in worlds.values()
+    )
+    return list(dict.fromkeys(warning for some in notices for warning in some))
 
 
 def policy_digest(policy: str) -> str:

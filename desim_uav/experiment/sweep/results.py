@@ -56,7 +56,7 @@ class SweepResults:
         columns = [key for key in self.manifest["columns"] if key not in others]
         columns = list(self.order) or columns
         values = {key: _ordered(row[key] for row in self.rows) for key in columns}
-        return {key: found for key, found in values.items() if len(found) > 1}
+        return {key: column for key, column in values.items() if len(column) > 1}
 
     @property
     def measures(self) -> tuple[str, ...]:
@@ -181,8 +181,8 @@ def _is_number(value: Any) -> bool:
 
 
 def _ordered(column: Iterable[Any]) -> list[Any]:
-    found = list(dict.fromkeys(column))
-    return sorted(found) if all(map(_is_number, found)) else found
+    values = list(dict.fromkeys(column))
+    return sorted(values) if all(map(_is_number, values)) else values
 
 
 def _rows(folder: Path, columns: Mapping[str, str], job: str) -> Iterator[JobRow]:
@@ -203,10 +203,10 @@ def _failures(file: Path) -> list[dict[str, Any]]:
     if not file.exists():
         return []
     try:
-        found = json.loads(text_of(file, MOST_BYTES))
+        rows = json.loads(text_of(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
         raise PolicyError(f"{file}: not a readable list of failures: {reason}") from error
-    if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise PolicyError(f"{file}: not a list of failed jobs")
-    return found
+    return rows

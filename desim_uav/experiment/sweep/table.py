@@ -60,8 +60,8 @@ class Done:
             "interrupted": self.interrupted,
             "rows": list(self.rows),
             "estimates": [
-                arm.combination.cells | {"policy": arm.policy, "measures": _plain(found)}
-                for arm, found in self._estimates()
+                arm.combination.cells | {"policy": arm.policy, "measures": _plain(estimates)}
+                for arm, estimates in self._estimates()
             ],
             "failed": [failure.content() for failure in self.failures],
         }
@@ -136,11 +136,11 @@ class Done:
             [
                 *("null" if (v := arm.combination.cells[k]) is None else f"{v}" for k in varied),
                 arm.policy,
-                str(found["reward_mean"].n),
-                *(format(found[name], form) for name, (_, form) in self._shown.items()),
+                str(estimates["reward_mean"].n),
+                *(format(estimates[name], form) for name, (_, form) in self._shown.items()),
             ]
             for varied in [self._varied()]
-            for arm, found in self._estimates()
+            for arm, estimates in self._estimates()
         ]
 
     def markdown(self, command: Sequence[str]) -> str:
@@ -153,7 +153,7 @@ class Done:
         )
         rule = ["---" for _ in heading]
         table = ["| " + " | ".join(row) + " |" for row in (heading, rule, *lines)]
-        rows = [{"measures": _plain(found)} for _, found in self._estimates()]
+        rows = [{"measures": _plain(estimates)} for _, estimates in self._estimates()]
         words = sentence(mean_words(rows)).removesuffix(".")
         about = f"{words}, of {first.episodes} episode(s) after {first.warmup} of warm-up per seed."
         return "\n".join([escaped.markdown_code(" ".join(command)), "", about, "", *table]) + "\n"
@@ -174,13 +174,13 @@ class Done:
         row_of = {row["job"]: row for row in self.rows}
         of_arm: dict[int, tuple[Arm, list[JobRow]]] = {}
         for job in self.jobs:
-            _, found = of_arm.setdefault(id(job.arm), (job.arm, []))
-            found += [row_of[job.id]] if job.id in row_of else []
+            _, rows = of_arm.setdefault(id(job.arm), (job.arm, []))
+            rows += [row_of[job.id]] if job.id in row_of else []
         return [
-            (arm, {name: estimate(row[name] for row in found) for name in self._measures})
-            for arm, found in of_arm.values()
+            (arm, {name: estimate(row[name] for row in rows) for name in self._measures})
+            for arm, rows in of_arm.values()
         ]
 
 
-def _plain(found: dict[str, Estimate]) -> dict[str, dict[str, Any]]:
-    return {name: asdict(of) for name, of in found.items()}
+def _plain(estimates: dict[str, Estimate]) -> dict[str, dict[str, Any]]:
+    return {name: asdict(of) for name, of in estimates.items()}

@@ -155,19 +155,19 @@ def _resume(course: TrainingCourse, file: Path) -> None:
                 f"{file}: the checkpoint of another training: its scenario, a file or component of "
                 "it, seeds or learning parameters differ"
             )
-        found = checkpoint.read(file, training.q.shape)
+        point = checkpoint.read(file, training.q.shape)
     except PolicyError as error:
         raise PolicyError(f"{error}{_older(training, file)}") from error
-    if found.memory.episode > training.settings.episodes:
+    if point.memory.episode > training.settings.episodes:
         raise PolicyError(
-            f"{file}: it has learned for {found.memory.episode} episodes already, more than "
+            f"{file}: it has learned for {point.memory.episode} episodes already, more than "
             f"{training.settings.episodes}"
         )
     try:
-        training.recall(found.memory)
+        training.recall(point.memory)
     except PolicyError as error:
         raise PolicyError(f"{file}: {error}") from error
-    course.rows, course.first = found.rows, training.episode
+    course.rows, course.first = point.rows, training.episode
 
 
 def _older(training: Training, damaged: Path) -> str:
@@ -190,10 +190,10 @@ def _identity(scenario: Scenario) -> str:
 
 def _save(course: TrainingCourse, folder: Path) -> None:
     training = course.training
-    found = checkpoint.Checkpoint(
+    point = checkpoint.Checkpoint(
         _identity(training.world.scenario), training.remember(), course.rows
     )
-    content = checkpoint.to_bytes(found)
+    content = checkpoint.to_bytes(point)
     with suppress(OSError):
         write_whole(folder / BEFORE, (folder / CHECKPOINT).read_bytes())
     write_whole(folder / CHECKPOINT, content)

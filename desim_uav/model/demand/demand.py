@@ -209,17 +209,17 @@ class Trace:
 
     def problems(self, users: int, services: Sequence[str]) -> list[str]:
         """Return the problems of the file: users or services that the scenario does not have."""
-        found = []
+        problems = []
         for user, _, service, _, _, line in self._table():
             if user >= users:
-                found.append(f"{self.file}:{line}: user: {user}: must be from 0 to {users - 1}")
+                problems.append(f"{self.file}:{line}: user: {user}: must be from 0 to {users - 1}")
             if service not in services:
                 hint = did_you_mean(service, services)
-                found.append(
+                problems.append(
                     f"{self.file}:{line}: service: {service!r}: unknown{hint}; "
                     f"allowed: {', '.join(services)}"
                 )
-        return found
+        return problems
 
     def doubts(self, users: int, horizon_s: float) -> Iterator[str]:
         """Yield how many requests an episode leaves out that lasts so long."""
@@ -248,10 +248,10 @@ class Trace:
 
     def largest_kbps(self) -> Mapping[str, float]:
         """Return the largest bandwidth that is asked for by each service."""
-        found: dict[str, float] = {}
+        largest: dict[str, float] = {}
         for _, _, service, _, kbps, _ in self._table():
-            found[service] = max(kbps, found.get(service, 0.0))
-        return found
+            largest[service] = max(kbps, largest.get(service, 0.0))
+        return largest
 
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
         """Return the number of recorded requests."""

@@ -135,12 +135,12 @@ class RotaryWing(RowEnergy):
 
     def _check_datasheet(self) -> None:
         """Raise ValueError unless mass and hover are both given, or neither."""
-        given = [name for name in ("hover_w", "hover_min") if getattr(self, name) is not None]
+        names = [name for name in ("hover_w", "hover_min") if getattr(self, name) is not None]
         if self.mass_kg is None:
-            if given:
-                raise ValueError(f"{given[0]} needs mass_kg, from which the rotor follows")
+            if names:
+                raise ValueError(f"{names[0]} needs mass_kg, from which the rotor follows")
             return
-        if len(given) != 1:
+        if len(names) != 1:
             raise ValueError("mass_kg needs either hover_w or hover_min")
         if self.parameters != "zeng2019":
             raise ValueError("give parameters, or mass_kg and hover_w or hover_min, not both")

@@ -136,7 +136,7 @@ def _rectangles(height_m: NDArray[np.float64]) -> list[tuple[int, int, int, int,
     """Return rectangles of equally high built cells: x0, y0, x1, y1 (in cells) and the height."""
     nx, ny = height_m.shape
     left = height_m > 0.0
-    found = []
+    rectangles = []
     for ix in range(nx):
         for iy in range(ny):
             if not left[ix, iy]:
@@ -147,8 +147,8 @@ def _rectangles(height_m: NDArray[np.float64]) -> list[tuple[int, int, int, int,
             while x1 < nx and left[x1, iy:y1].all() and (height_m[x1, iy:y1] == roof).all():
                 x1 += 1
             left[ix:x1, iy:y1] = False
-            found.append((ix, iy, x1, y1, float(roof)))
-    return found
+            rectangles.append((ix, iy, x1, y1, float(roof)))
+    return rectangles
 
 
 @kernel

@@ -153,8 +153,8 @@ def _rates(cls: Any, values_at: Any) -> Any:
         out: int,
     ) -> None:
         row, own = rates_at(out), values_at(values)
-        found = rates_of(own, carrier_ghz, branch, distance_m, height_m, within_m)
-        row.least_away, row.most_away, row.least_up, row.most_up = found
+        bounds = rates_of(own, carrier_ghz, branch, distance_m, height_m, within_m)
+        row.least_away, row.most_away, row.least_up, row.most_up = bounds
 
     return rates
 

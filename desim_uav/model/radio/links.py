@@ -183,10 +183,10 @@ def look(air: Air, row: int, t: float) -> None:
     air.looked_s[row] = t
     powers = air.used > 1 and not are_a_pair(air)
     for k in range(air.used):
-        level, seen = level_dbm(air.links[k], t), air.links[k].looks[row]
-        seen.level_dbm = level
+        level, entry = level_dbm(air.links[k], t), air.links[k].looks[row]
+        entry.level_dbm = level
         if powers:
-            seen.power_mw = np.exp(level / DB)
+            entry.power_mw = np.exp(level / DB)
 
 
 @kernel

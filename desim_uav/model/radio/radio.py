@@ -217,5 +217,5 @@ class LinkClasses:
 
     def radii_m(self, height_m: float, disc_m: float) -> tuple[float, ...]:
         """Return the radii within which the mean level reaches the thresholds of the classes."""
-        found = rings(self.path_loss, self.carrier_ghz, height_m, self.budget, self.ladder).mean_m
-        return tuple(radius_m if radius_m > 0.0 else -1.0 for radius_m in found)
+        means_m = rings(self.path_loss, self.carrier_ghz, height_m, self.budget, self.ladder).mean_m
+        return tuple(radius_m if radius_m > 0.0 else -1.0 for radius_m in means_m)

@@ -119,8 +119,8 @@ class BoundedRun:
             self.on_work()
             return left > 0
 
-        found = lowest_bound(Covered(), self.fleet, prices, go_on)
-        return min(1.0, found + self.slack)
+        bound = lowest_bound(Covered(), self.fleet, prices, go_on)
+        return min(1.0, bound + self.slack)
 
     def qoe1(self) -> float | None:
         """Return a bound of QoE1, as a share, or None if there are no requests.
@@ -139,14 +139,14 @@ class BoundedRun:
             self.on_work()
             return done < self.rounds and (done < TRIED or lowest < 1.0)
 
-        found = lowest_bound(Served(asked), self.fleet, prices, go_on)
+        bound = lowest_bound(Served(asked), self.fleet, prices, go_on)
         # Each request may be served for a little longer in each step of its episode.
         longer = self.slack * self.world.scenario.episode.steps
-        return min(1.0, found + longer / float(asked.required.min()))
+        return min(1.0, bound + longer / float(asked.required.min()))
 
     def _qoe1_percent(self) -> float | None:
-        found = self.qoe1()
-        return None if found is None else 100.0 * found
+        share = self.qoe1()
+        return None if share is None else 100.0 * share
 
     @property
     def may_schedule(self) -> bool:

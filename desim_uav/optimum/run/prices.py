@@ -96,18 +96,18 @@ def lowest_bound(
     going = True
     while going:
         earned, covered = _best_plans(fleet, prices)
-        found = measure.at_most(prices, earned)
+        trial = measure.at_most(prices, earned)
         since += 1
-        if found.bound < lowest:
-            since = 0 if found.bound < lowest - LEAST_GAIN else since
-            lowest, best = found.bound, prices
-        slope = (covered - found.needed) / found.scale
+        if trial.bound < lowest:
+            since = 0 if trial.bound < lowest - LEAST_GAIN else since
+            lowest, best = trial.bound, prices
+        slope = (covered - trial.needed) / trial.scale
         direction = MEMORY * direction + (1 - MEMORY) * slope if direction.any() else slope
         if since > PATIENCE:
             gap, since, prices = SMALLER * gap, 0, best
         length = float((direction**2).sum())
         if length > 0.0:
-            step = (found.bound - lowest + gap) / length
+            step = (trial.bound - lowest + gap) / length
             prices = np.clip(prices - step * direction, 0.0, measure.most)
         going = on_round(lowest)
     return lowest

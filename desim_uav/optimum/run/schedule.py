@@ -104,29 +104,31 @@ class TeamSchedule:
         world = self.world
         carried = world.scenario.episode.carry_over
         engine = make_engine("des", world, RunSettings((True,) * len(self.starts), carried))
-        at, found, step = list(self.starts), [], 0
+        at, qoe3_percent, step = list(self.starts), [], 0
         for path in paths:
-            shown = engine.reset(path)
-            while not (shown.terminated or shown.truncated):
+            snapshot = engine.reset(path)
+            while not (snapshot.terminated or snapshot.truncated):
                 commands = []
-                for drone, seen in enumerate(shown.observations):
-                    action, at[drone] = self._action(drone, at[drone], step, seen)
+                for drone, observation in enumerate(snapshot.observations):
+                    action, at[drone] = self._action(drone, at[drone], step, observation)
                     commands.append(world.actions.index(action))
-                shown, step = engine.step(commands), step + 1
+                snapshot, step = engine.step(commands), step + 1
             users_us = len(world.homes) * engine.log.duration_us
-            found.append(100.0 * engine.log.attached_us / users_us)
-        return found
+            qoe3_percent.append(100.0 * engine.log.attached_us / users_us)
+        return qoe3_percent
 
-    def _action(self, drone: int, at: int, step: int, seen: Observation) -> tuple[Action, int]:
+    def _action(
+        self, drone: int, at: int, step: int, observation: Observation
+    ) -> tuple[Action, int]:
         """Return the action of a drone at a place, and the place to which it leads."""
-        plan, mode = self.plans[drone], seen.mode
+        plan, mode = self.plans[drone], observation.mode
         if mode in IN_QUEUE:
             return Action.CHARGE, at
         if mode == Mode.CRASHED or plan is None:
             return Action.HOVER, at
         j = 0
         if self.alone.limited:
-            left_us = round((seen.battery_s or 0.0) * US)
+            left_us = round((observation.battery_s or 0.0) * US)
             j = (self.world.only_type.capacity - left_us) // self.world.step_us
         decision = int(plan.decisions[step, at, j])
         if decision == CHARGE:

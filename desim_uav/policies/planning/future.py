@@ -113,10 +113,10 @@ class _Draws:
         rng = self._streams(RESPAWNS).generator(0)
         return rng.integers(0, len(self.world.stations), path.respawn.shape)
 
-    def links(self, path: SamplePath, seen: SeenLinks) -> NDArray[np.uint64]:
+    def links(self, path: SamplePath, state: SeenLinks) -> NDArray[np.uint64]:
         """Return the key of links' draws, of which those that are not seen are new."""
         new = self._streams(LINKS).generator(0).bit_generator.random_raw(2)
-        return imagined_links(path.link_key, new, *seen)
+        return imagined_links(path.link_key, new, *state)
 
 
 def _each_one(users: Any) -> NDArray[np.int64]:

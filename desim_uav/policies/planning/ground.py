@@ -172,15 +172,15 @@ def _drains(world: World, actions: tuple[Choice, ...]) -> tuple[int, Ints]:
 def _returns(world: World, levels: int, charge_unit: int) -> Ints:
     """Return the planned return from each place (see ``Ground.returns``)."""
     nx, ny = world.grid.cells
-    found = np.zeros((levels * nx * ny, 4), np.int64)
+    returns = np.zeros((levels * nx * ny, 4), np.int64)
     if not world.scenario.limited_battery or not world.stations:
-        return found
-    for place in range(len(found)):
+        return returns
+    for place in range(len(returns)):
         back = world.only_type.planner.plan((place // ny % nx, place % ny, place // (nx * ny)))
         if back is not None:
             x, y = world.stations[back.station]
-            found[place] = (x * ny + y, back.duration_us, -(-back.drain // charge_unit), 1)
-    return found
+            returns[place] = (x * ny + y, back.duration_us, -(-back.drain // charge_unit), 1)
+    return returns
 
 
 def _needs(after: Ints, drains: Ints, station_of: Ints) -> Ints:
@@ -195,8 +195,8 @@ def _needs(after: Ints, drains: Ints, station_of: Ints) -> Ints:
         led = np.where(after >= 0, needs[after] + drains[:, None], NO_WAY)
         nearer = np.minimum(needs, led.min(axis=0))
         if (nearer == needs).all():
-            found: Ints = nearer
-            return found
+            units: Ints = nearer
+            return units
         needs = nearer
 
 

@@ -17,7 +17,7 @@ class Option(NamedTuple):
 
 
 def options_of(
-    planner: str, text: str, given: Mapping[str, Any], known: Mapping[str, Option]
+    planner: str, text: str, arguments: Mapping[str, Any], known: Mapping[str, Option]
 ) -> dict[str, Any]:
     """Return the values of all options: those in the text, those given, and defaults.
 
@@ -25,15 +25,15 @@ def options_of(
     whole number has whole numbers only. Raises ValueError for an unknown key or a bad value.
     """
     values: dict[str, Any] = {key: option.default for key, option in known.items()}
-    told: dict[str, Any] = dict(given)
+    settings: dict[str, Any] = dict(arguments)
     for part in text.split("+") if text else ():
         key, equals, value = part.partition("=")
         if not equals:
             raise ValueError(f"{part!r}: write an option as key=value, and + between two of them")
-        if key in told:
+        if key in settings:
             raise ValueError(f"{key}: it is given twice")
-        told[key] = value
-    for key, value in told.items():
+        settings[key] = value
+    for key, value in settings.items():
         if key not in known:
             hint = did_you_mean(key, known)
             raise ValueError(

@@ -71,38 +71,38 @@ def look(engine: Engine, ground: Ground, observations: Any) -> PlanningSight:
 def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing, ...]:
     """Return the standings of all drones; those at stations and on their way there come in turn."""
     rows = engine.entries("drones")
-    found: dict[int, Standing] = {}
+    standings: dict[int, Standing] = {}
     landings: list[tuple[int, int, int, float, int]] = []
     places = {drone: k for each in engine.state.stations for k, drone in enumerate(each.queue)}
-    for drone, seen in zip(rows, observations, strict=True):
-        if seen.mode in DECIDES:
-            found[drone.index] = _free(ground, drone, seen)
-        elif seen.mode is Mode.RETURNING:
-            lands_us, (x, y), charge = _lands(engine, ground, drone, seen)
+    for drone, observation in zip(rows, observations, strict=True):
+        if observation.mode in DECIDES:
+            standings[drone.index] = _free(ground, drone, observation)
+        elif observation.mode is Mode.RETURNING:
+            lands_us, (x, y), charge = _lands(engine, ground, drone, observation)
             station = _station(ground, x, y)
             landings.append((lands_us, 0, station, charge, drone.index))
-        elif seen.mode in IN_QUEUE:
-            charge = seen.battery_s * ground.world.only_type.drain_per_s
+        elif observation.mode in IN_QUEUE:
+            charge = observation.battery_s * ground.world.only_type.drain_per_s
             station = ground.world.stations.index((drone.x, drone.y))
             landings.append((-1, places[drone.index], station, charge, drone.index))
         else:
-            found[drone.index] = Standing(NO_WAY, 0, 0)
-    found.update(_charges(ground, sorted(landings)))
-    return tuple(found[k] for k in range(len(rows)))
+            standings[drone.index] = Standing(NO_WAY, 0, 0)
+    standings.update(_charges(ground, sorted(landings)))
+    return tuple(standings[k] for k in range(len(rows)))
 
 
-def _free(ground: Ground, drone: Any, seen: Observation) -> Standing:
+def _free(ground: Ground, drone: Any, observation: Observation) -> Standing:
     """Return the standing of a drone that decides now."""
     charge = ground.charge_unit
-    if seen.battery_s is not None:
-        charge = round(seen.battery_s * ground.world.only_type.drain_per_s)
+    if observation.battery_s is not None:
+        charge = round(observation.battery_s * ground.world.only_type.drain_per_s)
     level = min(drone.level, ground.world.grid.levels(True) - 1)
     units = min(charge // ground.charge_unit, ground.full)
     return Standing(0, ground.number(drone.x, drone.y, level), units)
 
 
 def _lands(
-    engine: Engine, ground: Ground, drone: Any, seen: Observation
+    engine: Engine, ground: Ground, drone: Any, observation: Observation
 ) -> tuple[int, tuple[int, int], float]:
     """Return when and where a returning drone will land, and its battery then."""
     world, lands_us = ground.world, 0
@@ -114,7 +114,7 @@ def _lands(
     for dx, dy, up in engine.hops(drone.route, drone.route_end):
         lands_us += world.only_type.return_transits[int(dx), int(dy), int(up)].duration_us
         x, y = x + dx, y + dy
-    left = ((seen.battery_s or 0.0) * 1e6 - lands_us) * (world.only_type.drain_per_s / US)
+    left = ((observation.battery_s or 0.0) * 1e6 - lands_us) * (world.only_type.drain_per_s / US)
     return lands_us, (int(x), int(y)), left
 
 
@@ -128,7 +128,7 @@ def _charges(
     ground: Ground, landings: list[tuple[int, int, int, float, int]]
 ) -> dict[int, Standing]:
     """Return the standings of drones that land, given as (time, place, station, battery, drone)."""
-    world, found = ground.world, {}
+    world, standings = ground.world, {}
     pads = world.scenario.stations.pads
     free_us: list[list[int]] = [[0] * pads for _ in world.stations]
     for lands_us, _, station, charge, drone in landings:
@@ -138,5 +138,7 @@ def _charges(
         free_us[station][pad] = begins_us + takes_us
         x, y = world.stations[station]
         begins, ready = begins_us // world.step_us, -(-(begins_us + takes_us) // world.step_us)
-        found[drone] = Standing(max(ready, 1), ground.number(x, y, 0), ground.full, station, begins)
-    return found
+        standings[drone] = Standing(
+            max(ready, 1), ground.number(x, y, 0), ground.full, station, begins
+        )
+    return standings

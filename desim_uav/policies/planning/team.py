@@ -190,8 +190,8 @@ def commands_of(
     """Return the commands for one action of a plan per drone, and what is forced otherwise."""
     known = [*ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
     commands = []
-    for seen, mask, k in zip(observations, masks, actions.tolist(), strict=True):
-        action = known[k] if k >= 0 and seen.mode in DECIDES else Action.HOVER
+    for observation, mask, k in zip(observations, masks, actions.tolist(), strict=True):
+        action = known[k] if k >= 0 and observation.mode in DECIDES else Action.HOVER
         forced = list(mask).index(True) if sum(mask) == 1 else -1
         commands.append(forced if forced >= 0 else ground.world.actions.index(action))
     return commands

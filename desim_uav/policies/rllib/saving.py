@@ -102,8 +102,8 @@ def _flown(algorithm: Any) -> Flown:
 
     The local one has not if there are others. Raises PolicyError if none has.
     """
-    told: list[Flown | None] = algorithm.env_runner_group.foreach_env_runner(_told)
-    for flown in told:
+    facts: list[Flown | None] = algorithm.env_runner_group.foreach_env_runner(_told)
+    for flown in facts:
         if flown is not None:
             return flown
     raise PolicyError("it was not trained on a UavParallelEnv")
@@ -131,25 +131,25 @@ def _agents(algorithm: Any, world: World) -> list[str]:
 
 def _modules(modules: dict[str, Any]) -> tuple[dict[str, Any], NDArray[np.float32]]:
     """Return the description of the networks, and their weights in one row."""
-    told, weights = {}, []
+    about, weights = {}, []
     for name, module in modules.items():
         known, state = _known(module, MODULES), module.get_state(inference_only=True)
         weights += [np.asarray(values, np.float32).ravel() for values in state.values()]
-        told[name] = {
+        about[name] = {
             "class": known,
             "settings": _settings(module.model_config),
             "weights": [[key, list(values.shape)] for key, values in state.items()],
         }
-    return told, np.concatenate(weights)
+    return about, np.concatenate(weights)
 
 
 def _settings(config: Any) -> dict[str, Any]:
     """Return the settings that shape a network; those of its first weights no longer matter."""
-    given = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
+    settings = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
     for key in ("lstm_use_prev_action", "lstm_use_prev_reward"):
-        if given.get(key):
+        if settings.get(key):
             raise PolicyError(f"{key}: a policy here receives no rewards")
-    return {key: given[key] for key in SETTINGS if key in given}
+    return {key: settings[key] for key in SETTINGS if key in settings}
 
 
 def _own(pipeline: Any) -> list[Any]:

@@ -71,14 +71,14 @@ def policy_figure(
     low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
     world = world_content(read.world)
     drawn: Any = None
-    for axes, number, shown in zip(panels, drones, slices, strict=True):
-        shade = np.where(shown.learned, shown.value, np.nan)
+    for axes, number, slice_ in zip(panels, drones, slices, strict=True):
+        shade = np.where(slice_.learned, slice_.value, np.nan)
         drawn = draw_field(axes, world, shade, cmap=SHADES, vmin=low, vmax=high)
         draw_cells(axes, world)
-        mark_cells(axes, world, shown.built, "building", **BUILT)
-        mark_cells(axes, world, ~shown.learned & ~shown.built, "nothing learned", **NEVER)
+        mark_cells(axes, world, slice_.built, "building", **BUILT)
+        mark_cells(axes, world, ~slice_.learned & ~slice_.built, "nothing learned", **NEVER)
         draw_stations(axes, world, size=150, facecolor="none")
-        _draw_actions(axes, read, shown)
+        _draw_actions(axes, read, slice_)
         axes.set_title(f"drone {number}")
     headed(figure, _title(read, battery_min, level))
     figure.colorbar(drawn, ax=panels, shrink=0.8, label="value of the best action")
@@ -150,15 +150,15 @@ class Reading:
         features = common_features(world.features_of_types)
         tables = load_algorithm(about["algorithm"]).tables
         streams = Streams(about["seed"], Purpose.LEARNER)
-        found = []
+        initial = []
         for drone in range(len(self.table.q)):
             rng = streams.generator(drone)
             each = [
                 initial_q(learning.initial_q, features, world.actions, world.facts_of(drone), rng)
                 for _ in range(tables)
             ]
-            found.append(np.mean(each, axis=0, dtype=np.float32))
-        return np.array(found)
+            initial.append(np.mean(each, axis=0, dtype=np.float32))
+        return np.array(initial)
 
     def slice(self, drone: int, battery_min: int | None, level: int | None) -> Slice:
         """Return what a drone has learned at one level, with this number of minutes left.
@@ -197,17 +197,17 @@ class Reading:
         return legal
 
 
-def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
+def _draw_actions(axes: Axes, read: Reading, slice_: Slice) -> None:
     """Draw an arrow for a move and a symbol for other actions, in vermillion if not learned.
 
     If commands choose a cruise speed, the number at an arrow is that of the speed, from 1 on.
     """
     grid = read.world.grid
-    cells = np.argwhere(shown.learned & ~shown.built)
+    cells = np.argwhere(slice_.learned & ~slice_.built)
     by_action: dict[Choice, list[tuple[float, float, str]]] = {}
     for ix, iy in cells.tolist():
-        colour = INK if shown.tried[ix, iy] else UNTRIED
-        at = by_action.setdefault(read.world.actions[shown.action[ix, iy]], [])
+        colour = INK if slice_.tried[ix, iy] else UNTRIED
+        at = by_action.setdefault(read.world.actions[slice_.action[ix, iy]], [])
         at.append((*grid.centre(ix, iy), colour))
     size = min(1.0, 10 / max(grid.cells))
     for action, places in by_action.items():

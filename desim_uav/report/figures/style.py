@@ -98,7 +98,7 @@ def as_text(svg: bytes) -> str:
     """
     text = visible(svg.decode())
     numbers = {name: f"i{k}" for k, name in enumerate(dict.fromkeys(IDENTIFIER.findall(text)))}
-    return REFERENCE.sub(lambda found: found[1] + numbers.get(found[2], found[2]), text)
+    return REFERENCE.sub(lambda match: match[1] + numbers.get(match[2], match[2]), text)
 
 
 def headed(figure: Figure, text: str) -> None:

@@ -83,7 +83,7 @@ def training_figure(folders: Sequence[Path], window: int | None = None) -> Figur
             axes.set_ylim(0, top)
         axes.set_xlabel("episode")
         axes.tick_params(labelbottom=True)
-    _explain(panels[-1], panels[0], window, [len(found) for found in by_algorithm.values()])
+    _explain(panels[-1], panels[0], window, [len(curves) for curves in by_algorithm.values()])
     headed(figure, f"Training. {trainings[0].settings['name']}")
     return figure
 

@@ -42,8 +42,8 @@ def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None
     top = max(minutes[drones].max(), 1e-9)
     drawn: Any = None
     for axes, number in zip(panels, drones, strict=True):
-        shown = np.where(minutes[number] > 0, minutes[number], np.nan)
-        drawn = draw_field(axes, world, shown, cmap="YlGnBu", vmin=0, vmax=top)
+        shades = np.where(minutes[number] > 0, minutes[number], np.nan)
+        drawn = draw_field(axes, world, shades, cmap="YlGnBu", vmin=0, vmax=top)
         draw_cells(axes, world)
         built = np.array(world["cell_height_m"]) > 0
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.55", "linewidth": 0.4}
