@@ -91,19 +91,19 @@ def _files_of(name: str) -> Iterator[_File]:
 
 def _file(name: str, root: str) -> _File | None:
     """Return the file of a module, as it was when it was first looked at since its import."""
-    path, module, known = _path(name, root), sys.modules.get(name), _FILES.get(name)
+    path, module, entry = _path(name, root), sys.modules.get(name), _FILES.get(name)
     if path is None:
         return None
     spec = getattr(module, "__spec__", None)
-    if known is None or known.spec is not spec or known.path != path:
+    if entry is None or entry.spec is not spec or entry.path != path:
         status, text = _status(path), _read(path)
         if text is None:
             return None
         sha256, package = hashlib.sha256(text).hexdigest(), name.rpartition(".")[0]
         names = _imports(text, getattr(module, "__package__", None) or package)
         imports = tuple(other for other in names if _path(other, root) is not None)
-        known = _FILES[name] = _File(path, spec, status, sha256, _code(text), imports)
-    return known
+        entry = _FILES[name] = _File(path, spec, status, sha256, _code(text), imports)
+    return entry
 
 
 def _path(name: str, root: str) -> Path | None:

@@ -49,7 +49,7 @@ class Admission:
         if folder is None or folder in self._said:
             return
         self._said.add(folder)
-        if not any(folder.is_relative_to(known) for known in _chosen()):
+        if not any(folder.is_relative_to(place) for place in _chosen()):
             notice(f"{name!r} is imported from {folder}, which runs its code (see --no-plugins)")
 
 

@@ -143,12 +143,12 @@ def what_failed(error: BaseException) -> str:
     own = [at for at in frames if at[0].co_filename in _PLUG_INS] or [
         at for at in frames if _is_foreign(at[0])
     ]
-    said = f"{type(error).__name__}: {error}{_fields(error)}"
+    message = f"{type(error).__name__}: {error}{_fields(error)}"
     if not own:
-        return said
+        return message
     code, line = own[-1]
     within = "" if code.co_name == "<module>" else f", in {code.co_qualname}"
-    return f"{said} ({code.co_filename}:{line}{within})"
+    return f"{message} ({code.co_filename}:{line}{within})"
 
 
 def _fields(error: BaseException) -> str:

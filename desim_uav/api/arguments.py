@@ -130,11 +130,11 @@ def command_of(function: Callable[..., Any], arguments: Mapping[str, Any]) -> li
     typed = command_line()
     if typed:
         return typed
-    said = [
+    texts = [
         _said(name, arguments[name], parameter)
         for name, parameter in inspect.signature(function).parameters.items()
     ]
-    return [f"desim_uav.{function.__name__}({', '.join(filter(None, said))})"]
+    return [f"desim_uav.{function.__name__}({', '.join(filter(None, texts))})"]
 
 
 def _said(name: str, value: Any, parameter: inspect.Parameter) -> str:
@@ -159,5 +159,5 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
-    known = value is None or isinstance(value, bool | int | float | str | range | list)
-    return value if known else policy_name(value)
+    is_plain = value is None or isinstance(value, bool | int | float | str | range | list)
+    return value if is_plain else policy_name(value)

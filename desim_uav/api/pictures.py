@@ -276,8 +276,8 @@ def write_replay(
         other = first[1] if pair else second[0] if second else None
         if pair and episodes is None:
             episodes = run_dir.shown  # type: ignore[union-attr]
-        wanted = ranges_of("episodes", episodes)
-        return Replay(write_page(first[0], file, wanted, progress, most_bytes, other))
+        text = ranges_of("episodes", episodes)
+        return Replay(write_page(first[0], file, text, progress, most_bytes, other))
 
 
 def _default(results: Sequence[Any], name: str) -> Path:

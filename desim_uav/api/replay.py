@@ -52,9 +52,9 @@ class Page:
 class Replay(Page):
     """A page that plays a run's episodes in continuous time; it needs no network and no server."""
 
-    def __init__(self, made: Made) -> None:
-        super().__init__(made.content, "replay.html")
-        self._made = made
+    def __init__(self, page: Made) -> None:
+        super().__init__(page.content, "replay.html")
+        self._made = page
 
     @property
     def episodes(self) -> list[int]:

@@ -246,8 +246,8 @@ class RunResult:
             runs.append(second._of_seed(seed, "beside"))
         with ExitStack() as open_until:
             sources = [open_until.enter_context(run.source()) for run in runs]
-            wanted = arguments.ranges_of("episodes", episodes)
-            page = Replay(make_replay(sources, wanted, progress))
+            text = arguments.ranges_of("episodes", episodes)
+            page = Replay(make_replay(sources, text, progress))
         if file is not None:
             page.save(file)
         return page

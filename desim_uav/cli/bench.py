@@ -60,13 +60,13 @@ def run(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
 def verify(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print the differences, and end with exit code 6 if there are any."""
     folder = asked["folder"]
-    said, _ = ended(bench_verify, asked, "nothing was found out")
+    differences, _ = ended(bench_verify, asked, "nothing was found out")
     if as_json:
-        print_json({"folder": str(folder), "verified": not said, "differences": said})
-    elif not said:
+        print_json({"folder": str(folder), "verified": not differences, "differences": differences})
+    elif not differences:
         tell(f"{folder}: all runs replayed, bit for bit the same")
-    if said:
-        complain("\n".join(f"{folder}: {line}" for line in said))
+    if differences:
+        complain("\n".join(f"{folder}: {line}" for line in differences))
         raise typer.Exit(6)
 
 

@@ -42,8 +42,8 @@ def complete_policies(incomplete: str) -> list[str]:
     """Return built-in and shipped policies, for a shell that completes what is typed."""
     from desim_uav.shipped import trained_names
 
-    known = ["baseline", "hover", "random", *trained_names()]
-    return [name for name in known if name.startswith(incomplete)]
+    names = ["baseline", "hover", "random", *trained_names()]
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def complete_tasks(incomplete: str) -> list[str]:

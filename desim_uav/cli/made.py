@@ -110,8 +110,8 @@ class _InTerminals(dict[str, Any]):
 
 def hint_of(verb: Verb, parameter: inspect.Parameter) -> Any:
     """Return the annotation of a verb's parameter, without importing what only Python has."""
-    known = inspect.unwrap(verb).__globals__
-    return eval(parameter.annotation, known, _InTerminals(vars(builtins) | known))
+    names = inspect.unwrap(verb).__globals__
+    return eval(parameter.annotation, names, _InTerminals(vars(builtins) | names))
 
 
 def kind_of(hint: Any, look: OptionLook) -> Any:
@@ -158,8 +158,8 @@ def _check(marks: Sequence[Within | OneOf], flag: str) -> Callable[[Any], Any] |
     def check(value: Any) -> Any:
         for mark in marks:
             if isinstance(mark, Within) and value is not None and not mark.holds(value):
-                said = f"{value:g}" if isinstance(value, float) else value
-                raise typer.BadParameter(f"{said} is not {mark.words}")
+                text = f"{value:g}" if isinstance(value, float) else value
+                raise typer.BadParameter(f"{text} is not {mark.words}")
             if isinstance(mark, OneOf) and value is not None and (wrong := mark.problem(value)):
                 raise typer.BadParameter(wrong, param_hint=flag)
         return value

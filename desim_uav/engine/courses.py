@@ -24,18 +24,18 @@ from desim_uav.world import World
 
 def space_row(space: Space) -> SpaceRow:
     """Return a space as a row."""
-    made: Any = blank(SpaceRow)
+    row: Any = blank(SpaceRow)
     for name, value in space.limits._asdict().items():
-        setattr(made, name, value)
-    made.wind_x_mps, made.wind_y_mps = space.wind
-    made.lowest_mps, made.highest_mps = space.cruise_mps
+        setattr(row, name, value)
+    row.wind_x_mps, row.wind_y_mps = space.wind
+    row.lowest_mps, row.highest_mps = space.cruise_mps
     prisms = space.prisms
     for name in ("corners_m", "walls", "offsets", "heights_m", "boxes_m", "heads", "members"):
-        setattr(made, name, getattr(prisms, name).reshape(-1))
-    made.shape_x, made.shape_y = prisms.shape
-    made.side_x_m, made.side_y_m = prisms.side_m
-    made.levels = Table(map(_ways_row, space.levels))
-    return made  # type: ignore[no-any-return]
+        setattr(row, name, getattr(prisms, name).reshape(-1))
+    row.shape_x, row.shape_y = prisms.shape
+    row.side_x_m, row.side_y_m = prisms.side_m
+    row.levels = Table(map(_ways_row, space.levels))
+    return row  # type: ignore[no-any-return]
 
 
 def _ways_row(ways: Ways) -> WaysRow:

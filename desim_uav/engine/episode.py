@@ -104,9 +104,9 @@ class Engine(CarryOver):
         if len(commands) != len(self.drones):
             raise ValueError(f"{len(commands)} commands for {len(self.drones)} drones")
         self.latest = None  # which it stays if the step fails
-        known = self.world.commands
+        of_world = self.world.commands
         for d, (drone, command) in enumerate(zip(self.drones, commands, strict=True)):
-            known.of(d).give(drone, command)
+            of_world.of(d).give(drone, command)
 
     def check_components(self) -> None:
         """Raise SimulationError if the reward or the admission rule has broken its contract."""

@@ -215,12 +215,12 @@ class Many(VectorSaving, Independent):
         Raises ActionError, before any environment is stepped, if there is an invalid action.
         ``by_drone``: whether the actions have an axis for drones.
         """
-        known = self.commands
-        indices, aims = as_commands(known.arrays_of, self.num_envs, actions, by_drone)
+        of_worlds = self.commands
+        indices, aims = as_commands(of_worlds.arrays_of, self.num_envs, actions, by_drone)
         if aims is not None:
             self._do(self._in_shares(calls.aim_all, aims, ~over), self._all)
-        elif indices.min() < 0 or indices.max() >= len(known.actions):
-            raise ActionError(str(out_of_range(indices.tolist(), known.actions)))
+        elif indices.min() < 0 or indices.max() >= len(of_worlds.actions):
+            raise ActionError(str(out_of_range(indices.tolist(), of_worlds.actions)))
         begins = self._begins(over) if over.any() else []
         self._do([*begins, *self._in_shares(calls.step_all, indices, ~over)], self._all)
 

@@ -86,9 +86,9 @@ class VectorSaving:
         if count < 1:
             raise error.Error(f"count {count}: must be 1 or more")
         sessions = [deepcopy(self.sessions[k]) for _ in range(count)]
-        made: Any = type(self).__new__(type(self))
+        other: Any = type(self).__new__(type(self))
         own: Any = self
-        made.__setstate__(
+        other.__setstate__(
             {
                 **own.__getstate__(),
                 "num_envs": count,
@@ -98,8 +98,8 @@ class VectorSaving:
                 "_all": np.ones(count, np.bool_),
             }
         )
-        made._set_spaces()
-        forked: Self = made
+        other._set_spaces()
+        forked: Self = other
         return forked
 
     def _chosen(self, which: int | Sequence[int] | None) -> list[int]:

@@ -147,8 +147,8 @@ class Way:
 def _require(wrapped: type, env: Any) -> None:
     """Raise ArgumentError if an environment is none of this class, and no wrapper of one."""
     if not isinstance(getattr(env, "unwrapped", None), wrapped):
-        said = in_short(repr(env), 100)
-        raise ArgumentError(f"env: {said}: must be a {wrapped.__name__}, or a wrapper of one")
+        text = in_short(repr(env), 100)
+        raise ArgumentError(f"env: {text}: must be a {wrapped.__name__}, or a wrapper of one")
 
 
 def _checked(gamma: float) -> float:

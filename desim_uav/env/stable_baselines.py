@@ -116,11 +116,11 @@ class UavVecEnv(Independent, VecEnv):
     @typed
     def fork(self, count: int, k: int = 0) -> Self:
         """Return new environments, this many, in the state of environment k."""
-        made = type(self).__new__(type(self))
-        made.vector, made.actions = self.vector.fork(count, k), None
-        VecEnv.__init__(made, count, self.observation_space, self.action_space)
-        made.reset_infos = made._each(made.vector.infos(np.ones(count, np.bool_)))
-        return made
+        other = type(self).__new__(type(self))
+        other.vector, other.actions = self.vector.fork(count, k), None
+        VecEnv.__init__(other, count, self.observation_space, self.action_space)
+        other.reset_infos = other._each(other.vector.infos(np.ones(count, np.bool_)))
+        return other
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return the present frame of each environment; ``render`` tiles them."""

@@ -111,9 +111,9 @@ def read(path: Path) -> Kept:
     except PolicyError as error:
         raise StateError(str(error)) from error
     about = stored.about
-    wanted: dict[str, type] = {"version": str, "scenario_hash": str, "digest": str}
-    wanted |= dict.fromkeys(("world_seed", "seed", "episode", "steps"), int)
-    for key, kind in wanted.items():
+    types: dict[str, type] = {"version": str, "scenario_hash": str, "digest": str}
+    types |= dict.fromkeys(("world_seed", "seed", "episode", "steps"), int)
+    for key, kind in types.items():
         if type(about.get(key)) is not kind:
             raise StateError(f"{path}: not a readable saved state: {key} is missing or wrong")
     world_seed, seed, episode = about["world_seed"], about["seed"], about["episode"]

@@ -324,12 +324,12 @@ def out_of_place(
     worlds = {world_seed_of(scenario, seed) for seed in seeds}
     warnings = []
     for name, policy in policies.items():
-        known = getattr(load_policy(policy), "world_seed", None)
-        if known is not None and worlds != {known}:
+        world_seed = getattr(load_policy(policy), "world_seed", None)
+        if world_seed is not None and worlds != {world_seed}:
             where = f"world {min(worlds)}" if len(worlds) == 1 else "a world for each seed"
             warnings.append(
-                f"{name} was learned in world {known} and is compared in {where}; "
-                f"set the world seed to {known} to compare it in its own world"
+                f"{name} was learned in world {world_seed} and is compared in {where}; "
+                f"set the world seed to {world_seed} to compare it in its own world"
             )
     return warnings
 

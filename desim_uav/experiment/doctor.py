@@ -63,12 +63,12 @@ def as_content(findings: list[Check]) -> dict[str, Any]:
 
 def _python() -> Iterator[Check]:
     yield Check("ok", PACKAGE, __version__)
-    wanted = SpecifierSet(_requires_python())
+    specifiers = SpecifierSet(_requires_python())
     release = platform.python_version()
-    fits = wanted.contains(release, prereleases=True)
+    fits = specifiers.contains(release, prereleases=True)
     words = f"{release}, {platform.platform()}"
     yield Check(
-        "ok" if fits else "problem", "Python", words if fits else f"{words}; {wanted} is needed"
+        "ok" if fits else "problem", "Python", words if fits else f"{words}; {specifiers} is needed"
     )
 
 
@@ -110,15 +110,17 @@ def _required() -> Iterator[Check]:
     yield from _broken(one.name for one in needed)
 
 
-def _misfit(wanted: Requirement) -> str | None:
+def _misfit(requirement: Requirement) -> str | None:
     """Return why an installed package does not fit, or None if it does."""
     try:
-        release = version(wanted.name)
+        release = version(requirement.name)
     except PackageNotFoundError:
-        return f"{wanted.name} is missing"
-    if not wanted.specifier.contains(release, prereleases=True):
-        return f"{wanted.name} {release} is installed, but {wanted.specifier} is needed"
-    inner = (_misfit(one) for extra in wanted.extras for one in _with_extra(wanted.name, extra))
+        return f"{requirement.name} is missing"
+    if not requirement.specifier.contains(release, prereleases=True):
+        return f"{requirement.name} {release} is installed, but {requirement.specifier} is needed"
+    inner = (
+        _misfit(one) for extra in requirement.extras for one in _with_extra(requirement.name, extra)
+    )
     return next(filter(None, inner), None)
 
 

@@ -220,8 +220,8 @@ class Since:
 
 def _difference(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
     """Return what the other branch has more than the original; None where one has no value."""
-    known = {name for name in COMPARED if None not in (one[name], other[name])}
-    return {name: other[name] - one[name] if name in known else None for name in COMPARED}
+    comparable = {name for name in COMPARED if None not in (one[name], other[name])}
+    return {name: other[name] - one[name] if name in comparable else None for name in COMPARED}
 
 
 # ---- the folder

@@ -196,10 +196,10 @@ class _Worker(threading.Thread):
         with suppress(KeyboardInterrupt):  # raised by ``end``, perhaps between two items
             while self._asked.get():
                 try:
-                    made: tuple[Any, BaseException | None] = next(self._items, _END), None
+                    outcome: tuple[Any, BaseException | None] = next(self._items, _END), None
                 except BaseException as error:  # the main thread raises it again
-                    made = _END, error
-                self._made.put(made)
+                    outcome = _END, error
+                self._made.put(outcome)
 
     def next(self) -> Any:
         """Return the next item, or ``_END``. Raises what making it raised, or KeyboardInterrupt."""

@@ -235,20 +235,20 @@ def film(
     from desim_uav.report.playback import Playback
 
     asked = [(gif, ".gif", video.write_gif), (mp4, ".mp4", video.write_mp4)]
-    wanted = [(out, end, write) for out, end, write in asked if out is not None]
-    if not wanted:
+    outputs = [(out, end, write) for out, end, write in asked if out is not None]
+    if not outputs:
         raise UsageError("name the file to write: --gif FILE.gif or --mp4 FILE.mp4")
-    for out, end, _ in wanted:
+    for out, end, _ in outputs:
         if out.suffix.lower() != end:
             raise UsageError(f"--{end[1:]} {out}: the file's name must end in {end}")
     if mp4 is not None:
         video.need_ffmpeg()
-    places = [file_place(out, f"--{end[1:]}") for out, end, _ in wanted]
+    places = [file_place(out, f"--{end[1:]}") for out, end, _ in outputs]
     run = playable(source, show_progress)
     number = run.episode(episode)
     run.need([number])
-    made = video.Film(Playback(run, number), fps, speed, width)
-    with progress(show_progress, len(made) * len(wanted), "frames") as advance:
-        for place, (_, _, write) in zip(places, wanted, strict=True):
-            write(made, place, advance)
-    return [out for out, *_ in wanted]
+    frames = video.Film(Playback(run, number), fps, speed, width)
+    with progress(show_progress, len(frames) * len(outputs), "frames") as advance:
+        for place, (_, _, write) in zip(places, outputs, strict=True):
+            write(frames, place, advance)
+    return [out for out, *_ in outputs]

@@ -103,9 +103,9 @@ class Begun:
             if number < checked:
                 advance()
                 continue
-            made = vars(run.tabulate(prepared.world, [played], keep_events))
+            tables = vars(run.tabulate(prepared.world, [played], keep_events))
             for name, frame in stored.items():
-                was, now = frame[frame["episode"] == number], made[name]
+                was, now = frame[frame["episode"] == number], tables[name]
                 if not as_arrow(name, now).equals(as_arrow(name, was)):
                     raise PolicyError(
                         f"{self.folder}: it cannot be continued: episode {number} in "

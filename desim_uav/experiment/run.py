@@ -178,8 +178,8 @@ class Tally:
         if "energy_wh" in self._sums:
             served = self._sums["served_mbit"]
             used_j = 3600 * self._sums["energy_wh"]
-            known = self._energy_of_all and served > 0.0
-            measures["j_per_mbit"] = used_j / served if known else None
+            has_energy = self._energy_of_all and served > 0.0
+            measures["j_per_mbit"] = used_j / served if has_energy else None
         return measures
 
     def headline(self) -> dict[str, Any]:

@@ -120,14 +120,14 @@ def best_shares(
         at[depth] = first[depth] if at[depth] < 0 else at[depth] + 1
         k = at[depth]
         left = drones - depth
-        known = 1 << depth
+        subsets = 1 << depth
         reach = key
         if k < count:
-            low = _shared(counted[:known], depth, quota) + left * min(quota, size[k])
-            high = _shared(counted[:known], depth, quota + 1) + left * min(quota + 1, size[k])
-            most = counted[known - 1] + left * min(largest_gain[depth], size[k])
+            low = _shared(counted[:subsets], depth, quota) + left * min(quota, size[k])
+            high = _shared(counted[:subsets], depth, quota + 1) + left * min(quota + 1, size[k])
+            most = counted[subsets - 1] + left * min(largest_gain[depth], size[k])
             low, high = min(low, most), min(high, most)
-            covers = most if sign > 0 else counted[known - 1]
+            covers = most if sign > 0 else counted[subsets - 1]
             reach = ((drones - rest) * low + rest * high) * (users + 1) + sign * covers
         if looked_at > budget:
             return best, key, False
@@ -136,8 +136,8 @@ def best_shares(
             depth -= 1
             continue
         looked_at += 1
-        for subset in range(known):
-            counted[known + subset] = _unite(unions[subset], sets[k], unions[known + subset])
+        for subset in range(subsets):
+            counted[subsets + subset] = _unite(unions[subset], sets[k], unions[subsets + subset])
         if depth + 1 == drones:
             low = _shared(counted, drones, quota)
             high = _shared(counted, drones, quota + 1)
@@ -152,7 +152,7 @@ def best_shares(
             at[depth] = -1
             largest_gain[depth] = 0
             for later in range(k, count):
-                added = _gain(unions[2 * known - 1], sets[later])
+                added = _gain(unions[2 * subsets - 1], sets[later])
                 largest_gain[depth] = max(largest_gain[depth], added)
             looked_at += count - k
     return best, key, True

@@ -195,8 +195,8 @@ def base_of(name: str) -> str | None:
 def _of_argument(method: str, name: str) -> Any:
     """Return what a method of a registered class says of the argument in a name, or None."""
     kind, argument = parts(name)
-    known = resolve("policy", kind) if kind in names("policy") else None
-    return getattr(known, method, lambda _: None)(argument) if argument else None
+    class_ = resolve("policy", kind) if kind in names("policy") else None
+    return getattr(class_, method, lambda _: None)(argument) if argument else None
 
 
 @typed
@@ -289,14 +289,14 @@ def policy_name(policy: PolicyLike) -> str:
 def _of_name(name: str) -> Any:
     """Make the policy with this name. Raises PolicyError."""
     kind, argument = parts(name)
-    known = resolve("policy", kind) if kind in names("policy") else None
-    if known is None and ":" not in name:
+    class_ = resolve("policy", kind) if kind in names("policy") else None
+    if class_ is None and ":" not in name:
         raise PolicyError(_unknown(name))
-    if known is not None and argument and not inspect.signature(known).parameters:
+    if class_ is not None and argument and not inspect.signature(class_).parameters:
         raise PolicyError(f"policy {name!r}: {kind!r} takes nothing after it: write {kind}")
     try:
-        if known is not None:
-            return known(*[argument] if argument else [])
+        if class_ is not None:
+            return class_(*[argument] if argument else [])
         return resolve("policy", name)()
     except DesimError:
         raise
@@ -310,10 +310,10 @@ def _unknown(name: str) -> str:
     """Return what is wrong with a name that is no policy's."""
     if name.endswith(".py"):
         return f"policy {name!r}: name the class in this file, too: {name}:Class"
-    known = names("policy")
-    hint = did_you_mean(name, [*known, *trained_names()])
+    kinds = names("policy")
+    hint = did_you_mean(name, [*kinds, *trained_names()])
     return (
-        f"unknown policy {name!r}{hint}; allowed: {', '.join(known)}, FILE.npz, "
+        f"unknown policy {name!r}{hint}; allowed: {', '.join(kinds)}, FILE.npz, "
         '"package.module:Class" or FILE.py:Class'
     )
 

@@ -43,11 +43,11 @@ class FunctionPolicy:
         if not isinstance(chosen, str | Action | AtSpeed):
             return chosen
         name = chosen if isinstance(chosen, str) else chosen.name.lower()
-        known = self._commands.of(observation.drone).named
-        if name.lower() in known:
-            return known[name.lower()]
+        index_of = self._commands.of(observation.drone).named
+        if name.lower() in index_of:
+            return index_of[name.lower()]
         raise PolicyError(
             f"policy {self.name!r}: {name!r} is not an action of "
-            f"{self._commands.whose(observation.drone)}{did_you_mean(name, known)}; "
-            f"allowed: {', '.join(known)}"
+            f"{self._commands.whose(observation.drone)}{did_you_mean(name, index_of)}; "
+            f"allowed: {', '.join(index_of)}"
         )

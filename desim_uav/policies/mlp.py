@@ -136,8 +136,8 @@ def component_of(observation: dict[str, Any] | None) -> Any:
         return None
     kind = observation.get("kind")
     if kind not in names("observation"):
-        known = ", ".join(sorted(names("observation")))
-        raise ValueError(f"its observation is {in_short(kind)}; must be one of {known}")
+        kinds = ", ".join(sorted(names("observation")))
+        raise ValueError(f"its observation is {in_short(kind)}; must be one of {kinds}")
     return from_mapping({"observation": observation}, source="its description").observation
 
 

@@ -74,8 +74,8 @@ class Rollout:
 
     def notice(self, world: World) -> str:
         """Return the warning of the base, for example that it was trained in another world."""
-        said: str = getattr(self._base, "notice", lambda world: "")(world)
-        return said
+        warning: str = getattr(self._base, "notice", lambda world: "")(world)
+        return warning
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Let the base begin. Raises PolicyError if the scenario cannot be simulated."""

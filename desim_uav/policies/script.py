@@ -91,10 +91,10 @@ class Script:
 
 
 def _action(text: str) -> str:
-    known, name = [action.name.lower() for action in Action], text.lower()
-    if name.partition("@")[0] not in known:
-        hint = did_you_mean(name, known)
-        raise ValueError(f"not an action{hint}; allowed: {', '.join(known)}")
+    actions, name = [action.name.lower() for action in Action], text.lower()
+    if name.partition("@")[0] not in actions:
+        hint = did_you_mean(name, actions)
+        raise ValueError(f"not an action{hint}; allowed: {', '.join(actions)}")
     return name
 
 

@@ -186,9 +186,9 @@ def _on_landing(
         return held, ends_us
     if waits:
         return waits[0], until_us
-    known = next(((t, c) for t, c in records if charge_us < t < until_us), None)
-    if known is not None or full_at_us is None:
-        t_us, held = known or records[-1]
+    record = next(((t, c) for t, c in records if charge_us < t < until_us), None)
+    if record is not None or full_at_us is None:
+        t_us, held = record or records[-1]
         span_us = t_us - charge_us
         return _least(capacity, lambda b: charging.charged(b, span_us, capacity) >= held), until_us
     span_us = full_at_us - charge_us

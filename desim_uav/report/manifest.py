@@ -53,8 +53,8 @@ def engine_of(manifest: Mapping[str, Any]) -> str | None:
 def read_played_by(manifest: Mapping[str, Any]) -> dict[str, int]:
     """Return how many episodes each engine has played, as far as a manifest says so."""
     played = manifest.get("played_by")
-    known = played.items() if isinstance(played, dict) else ()
-    return {name: count for name, count in known if name in PLAYERS and type(count) is int}
+    counts = played.items() if isinstance(played, dict) else ()
+    return {name: count for name, count in counts if name in PLAYERS and type(count) is int}
 
 
 def _read(folder: Path, form: type[Form]) -> dict[str, Any]:

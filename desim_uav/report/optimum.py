@@ -107,18 +107,18 @@ def runs_in_words(runs: dict[str, Any]) -> str:
         means[f"{name}_percent"] for name in ("qoe3_at_most", "qoe1_at_most", "schedule_qoe3")
     )
     seeds = f"seed {rows[0]['seed']}" if len(rows) == 1 else f"{len(rows)} seeds"
-    said = f"In a run on {seeds}, no policy exceeds a QoE3 of {_estimate(qoe3)} %"
+    sentences = f"In a run on {seeds}, no policy exceeds a QoE3 of {_estimate(qoe3)} %"
     if reached["mean"]:
         gap = 100.0 * (qoe3["mean"] / reached["mean"] - 1.0)
-        said += (
+        sentences += (
             f"; a schedule that knows all walks reaches {_estimate(reached)} %, so this bound is "
             f"at most {gap:.1f} % too high"
         )
     if qoe1["mean"] is not None:
-        said += f". No policy exceeds a QoE1 of {_estimate(qoe1)} %"
+        sentences += f". No policy exceeds a QoE1 of {_estimate(qoe1)} %"
         if qoe1["mean"] >= 100.0 and qoe3["mean"] < 100.0:
-            said += ", which says nothing: the bound of QoE1 is not tight here"
-    return f"{said}."
+            sentences += ", which says nothing: the bound of QoE1 is not tight here"
+    return f"{sentences}."
 
 
 def _estimate(estimate: dict[str, Any]) -> str:

@@ -193,14 +193,14 @@ class Run:
         there = self.episodes
         if text is None:
             return [number for number in there if number >= 0] or there
-        wanted = sorted({number for part in text.split(",") for number in _numbers(text, part)})
-        missing = sorted(set(wanted) - set(there))
+        numbers = sorted({number for part in text.split(",") for number in _numbers(text, part)})
+        missing = sorted(set(numbers) - set(there))
         if missing:
             raise UsageError(
                 f"--episodes {text}: there is no episode {missing[0]}; "
                 f"there are {there[0]} to {there[-1]}"
             )
-        return wanted
+        return numbers
 
     def duration_s(self, episode: int) -> float:
         """Return the duration of an episode."""

@@ -70,8 +70,8 @@ class FreeLegs:
         """The ways straight up and straight down; none in two dimensions."""
         wind = (0.0, self._wind_mps)
         ways = [("up", (0.0, 0.0, 1.0)), ("down", (0.0, 0.0, -1.0))]
-        made = [self._way(name, command, wind) for name, command in ways]
-        return tuple(way for way in made if way.longest_m > 0.0)
+        vertical = [self._way(name, command, wind) for name, command in ways]
+        return tuple(way for way in vertical if way.longest_m > 0.0)
 
     @cached_property
     def _level_ways(self) -> tuple[Way, ...]:

@@ -38,9 +38,9 @@ class OutsideError(SimulationError, IndexError):
     """
 
     def __init__(
-        self, owner: str, of: str, place: CodePlace, met: tuple[int, int] | None = None
+        self, owner: str, of: str, place: CodePlace, numbers: tuple[int, int] | None = None
     ) -> None:
-        super().__init__(owner, of, place, met or _met.numbers)  # by which SimPy copies it
+        super().__init__(owner, of, place, numbers or _met.numbers)  # by which SimPy copies it
         self.owner, self.of, self.place, self.met = self.args
 
     def __str__(self) -> str:

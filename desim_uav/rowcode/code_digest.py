@@ -92,9 +92,9 @@ def class_digest(cls: type) -> str:
     Functions of this package do not count. Raises UndescribedError as ``code_digest`` does.
     """
     text = ValueText()
-    said = text.of(cls)
+    own_text = text.of(cls)
     texts = _reach({}, text.functions, ours=False)
-    return hashlib.sha256("\n".join([said, *texts]).encode()).hexdigest()
+    return hashlib.sha256("\n".join([own_text, *texts]).encode()).hexdigest()
 
 
 def _reach(
@@ -162,9 +162,9 @@ _FIRST: dict[FunctionType, str] = {}
 def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
     """Return a function's code with all values in it, and the functions that it calls."""
     code, values = function.__code__, dict(_values(function))
-    known = _KNOWN.get(function)
-    if known and known.code is code and _same(known.values, values):
-        return known.text, known.called
+    entry = _KNOWN.get(function)
+    if entry and entry.code is code and _same(entry.values, values):
+        return entry.text, entry.called
     text = ValueText()
     parts = [full_name(function), *_code(text, code, function.__doc__)]
     for name, value in values.items():
@@ -175,14 +175,14 @@ def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
                 raise UndescribedError(f"{name!r} in {full_name(function)!r} is {error}") from None
     parts += [f"{full_name(one)}{one.__annotations__}" for one in text.functions if one in APART]
     called = [one for one in text.functions if one not in APART]
-    said = "\n".join(parts)
+    own_text = "\n".join(parts)
     if text.lasting:
-        _KNOWN[function] = _Known(code, values, said, called)
+        _KNOWN[function] = _Known(code, values, own_text, called)
     of_values = "\n".join(part for part in parts if not part.startswith(OVERLOADS))
     if _FIRST.setdefault(function, of_values) != of_values:
         changed = f"the code of {full_name(function)!r}, or a value in it, has changed"
         raise ChangedError(f"{changed} in this process")
-    return said, called
+    return own_text, called
 
 
 def _same(values: dict[str, Any], others: dict[str, Any]) -> bool:

@@ -236,8 +236,8 @@ def _checked(operation: Any, name: str, *others: Any) -> None:
             at = context.cast(builder, builder.extract_value(place, k), kinds[k], I64)
             count = get_field(context, builder, row, base, bound)
             with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", at, count)):
-                met, of = (at, count), f"the {bound}"
-                fail_outside(context, builder, row.owner, of, place_lowered(), met)
+                numbers, of = (at, count), f"the {bound}"
+                fail_outside(context, builder, row.owner, of, place_lowered(), numbers)
         method, call = resolved(context.typing_context, sig.args)
         return context.get_function(method, call)(builder, arguments)
 

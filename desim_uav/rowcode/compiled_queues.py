@@ -57,14 +57,14 @@ def _checked(name: str, index_of: Any) -> Any:
         line, *kinds = sig.args
         bare = Line(line.of, None)
         asked = signature(types.UniTuple(I64, 2), bare, *kinds)
-        met = context.compile_internal(builder, index_of, asked, arguments)
-        index, count = cgutils.unpack_tuple(builder, met, 2)
+        numbers = context.compile_internal(builder, index_of, asked, arguments)
+        index, count = cgutils.unpack_tuple(builder, numbers, 2)
         with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", index, count)):
             fail_outside(context, builder, line.owner, line.called, place_lowered(), (index, count))
         method, call_type = _bare(context.typing_context, line, name, kinds)
-        made = context.get_function(method, call_type)
-        context.add_linking_libs(getattr(made, "libs", ()))
-        return made(builder, arguments)
+        method_code = context.get_function(method, call_type)
+        context.add_linking_libs(getattr(method_code, "libs", ()))
+        return method_code(builder, arguments)
 
     return type(name, (_Checked,), {"key": name})
 

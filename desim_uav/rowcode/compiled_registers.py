@@ -23,9 +23,9 @@ def _held(typing_context: Any, row: Any) -> Any:
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         space = cgutils.alloca_once(builder, ir.ArrayType(WORD, row.cls.words))
-        made = builder.bitcast(space, cgutils.voidptr_t)
-        _copy(context, builder, row, made, arguments[0])
-        return made
+        register = builder.bitcast(space, cgutils.voidptr_t)
+        _copy(context, builder, row, register, arguments[0])
+        return register
 
     return row(row), generate
 

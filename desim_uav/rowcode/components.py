@@ -38,16 +38,16 @@ def over_rows(component: C, services: tuple[str, ...]) -> C:
     """
     if not is_dataclass(component):
         return component
-    made = copy.copy(component)
+    twin = copy.copy(component)
     table_of = BoundedTable if owner_of(type(component)) else Table
     for field in fields(component):
         value = getattr(component, field.name)
         if isinstance(value, Mapping):
             table = table_of(float(value.get(name, 0.0)) for name in services)
-            object.__setattr__(made, field.name, table)
+            object.__setattr__(twin, field.name, table)
         elif type(value) in (tuple, list) and _are_numbers(value):
-            object.__setattr__(made, field.name, table_of(map(float, value)))
-    return made
+            object.__setattr__(twin, field.name, table_of(map(float, value)))
+    return twin
 
 
 def _are_numbers(values: Any) -> bool:
@@ -68,14 +68,14 @@ def values_of(component: Any) -> Row:
             continue
         values.append(value)
     cls: Any = type(component)
-    made: Row = fill(_row_of(cls, tuple(kinds)), values)
-    return made
+    values_row: Row = fill(_row_of(cls, tuple(kinds)), values)
+    return values_row
 
 
 def left_out(component: Any) -> list[str]:
     """Return the names of the fields that compiled code does not have."""
-    known = type(values_of(component)).kinds
-    return [name for name in getattr(component, "__dict__", {}) if name not in known]
+    fields = type(values_of(component)).kinds
+    return [name for name in getattr(component, "__dict__", {}) if name not in fields]
 
 
 @cache
@@ -173,8 +173,8 @@ def check_unchanged(component: Any) -> None:
 def _address(one: Function, cls: Any, values: Any) -> int:
     """Compile a function of a class of components, which has a file of its own on disk."""
     owner = owner_of(cls)
-    made = own_kernel(one.around(cls, pointer_to(values, owner)), cls)
-    return address_of(made, *one.arguments, owner=owner)
+    code = own_kernel(one.around(cls, pointer_to(values, owner)), cls)
+    return address_of(code, *one.arguments, owner=owner)
 
 
 def compiled_or_none(

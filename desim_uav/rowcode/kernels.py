@@ -98,9 +98,9 @@ def rule(function: F) -> F:
     """Have a function compiled with the kernels that call it; Python runs it as it stands."""
     RULES.add(cast(FunctionType, function))
     own = CHECK if is_own(function.__module__) else {}
-    made: F = register_jitable(**{**INNER, **own})(function)
+    compilable: F = register_jitable(**{**INNER, **own})(function)
     share_last()
-    return made
+    return compilable
 
 
 def rare_rule(function: F) -> F:
@@ -109,9 +109,9 @@ def rare_rule(function: F) -> F:
     It is for what seldom happens: code that is part of many callers takes long to compile.
     """
     RULES.add(cast(FunctionType, function))
-    made: F = register_jitable(**{**INNER, "forceinline": False})(function)
+    compilable: F = register_jitable(**{**INNER, "forceinline": False})(function)
     share_last()
-    return made
+    return compilable
 
 
 def apart(function: F) -> F:
@@ -136,8 +136,8 @@ def stands_in_for(function: Any) -> Callable[[F], F]:
 
     def stand_in(implementation: F) -> F:
         STANDS_IN[function] = cast(FunctionType, implementation)
-        made: F = overload(function)(implementation)
-        return made
+        registered: F = overload(function)(implementation)
+        return registered
 
     return stand_in
 

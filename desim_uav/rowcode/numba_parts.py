@@ -93,8 +93,8 @@ def name_of_type(value: Any) -> str:
 
 def overloads_of(function: Any) -> list[tuple[Any, Any]]:
     """Return the functions that compile in the place of a function, each with its options."""
-    known = [kind for value, kind in _templates.builtin_registry.globals if value is function]
-    templates = [one for kind in known for one in getattr(kind, "templates", ())]
+    kinds = [kind for value, kind in _templates.builtin_registry.globals if value is function]
+    templates = [one for kind in kinds for one in getattr(kind, "templates", ())]
     return [(one._overload_func, one._jit_options) for one in templates]
 
 
@@ -133,11 +133,11 @@ add_symbol(NOTE, NOTE_AT)
 
 
 def fail_outside(
-    context: Any, builder: Any, owner: str, of: str, place: CodePlace, met: tuple[Any, Any]
+    context: Any, builder: Any, owner: str, of: str, place: CodePlace, numbers: tuple[Any, Any]
 ) -> None:
     """End a function by OutsideError, whose arguments these are."""
-    kind = ir.FunctionType(ir.VoidType(), [one.type for one in met])
-    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE), met)
+    kind = ir.FunctionType(ir.VoidType(), [one.type for one in numbers])
+    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE), numbers)
     context.call_conv.return_user_exc(builder, OutsideError, (owner, of, place))
 
 

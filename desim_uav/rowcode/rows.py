@@ -172,14 +172,14 @@ def row(cls: type[R]) -> type[R]:
     """Return a class with annotations as a class of rows, with slots and a layout in memory."""
     names = tuple(cls.__annotations__)
     body = {key: part for key, part in vars(cls).items() if key not in ("__dict__", "__weakref__")}
-    made: Any = type(cls.__name__, cls.__bases__, {**body, "__slots__": names})
-    hints = get_type_hints(made)
-    made.kinds, made.places, at = {name: hints[name] for name in names}, {}, 0
-    for name, kind in made.kinds.items():
-        made.places[name] = at
+    row_class: Any = type(cls.__name__, cls.__bases__, {**body, "__slots__": names})
+    hints = get_type_hints(row_class)
+    row_class.kinds, row_class.places, at = {name: hints[name] for name in names}, {}, 0
+    for name, kind in row_class.kinds.items():
+        row_class.places[name] = at
         at += words_of(kind)
-    made.words = at
-    return made  # type: ignore[no-any-return]
+    row_class.words = at
+    return row_class  # type: ignore[no-any-return]
 
 
 def is_row(kind: Any) -> bool:
@@ -225,7 +225,7 @@ def words_of(kind: Any) -> int:
 
 def blank(cls: type[R]) -> R:
     """Return a row of a class whose numbers are 0 and whose tables are empty."""
-    made: Any = cls()
+    one: Any = cls()
     for name, kind in cls.kinds.items():
         origin = origin_of(kind)
         if is_row(kind):
@@ -234,16 +234,16 @@ def blank(cls: type[R]) -> R:
             value = Queue(of=held_by(kind))
         else:
             value = Table() if origin is Table else kind(0)
-        setattr(made, name, value)
-    return made  # type: ignore[no-any-return]
+        setattr(one, name, value)
+    return one  # type: ignore[no-any-return]
 
 
 def fill(cls: type[R], values: Iterable[Any]) -> R:
     """Return a row of a class with these values, in the order of its fields."""
-    made = cls()
+    one = cls()
     for name, value in zip(cls.kinds, values, strict=True):
-        setattr(made, name, value)
-    return made
+        setattr(one, name, value)
+    return one
 
 
 @cache

@@ -223,13 +223,13 @@ def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:
     mix = getattr(scenario.demand, "mix", None)
     if not isinstance(mix, dict):
         return
-    path, known = ("demand", "mix"), list(scenario.services)
+    path, services = ("demand", "mix"), list(scenario.services)
     for name in mix:
-        if name not in known:
+        if name not in services:
             yield Finding(
                 (*path, name),
-                f"no such service{did_you_mean(name, known)}; "
-                f"demand.mix can name {', '.join(known)}",
+                f"no such service{did_you_mean(name, services)}; "
+                f"demand.mix can name {', '.join(services)}",
                 (("services",),),
             )
     if not in_order(mix.values()) > 0:
@@ -241,13 +241,13 @@ def the_reward_names_services(scenario: Scenario) -> Iterator[Finding]:
     weights = getattr(scenario.reward, "services", None)
     if not isinstance(weights, Mapping) or weights == MultiService().services:
         return
-    known = list(scenario.services)
+    services = list(scenario.services)
     for name in weights:
-        if name not in known:
+        if name not in services:
             yield Finding(
                 ("reward", "services", name),
-                f"no such service{did_you_mean(name, known)}; "
-                f"reward.services can name {', '.join(known)}",
+                f"no such service{did_you_mean(name, services)}; "
+                f"reward.services can name {', '.join(services)}",
                 (("services",),),
             )
 

@@ -153,7 +153,7 @@ class Slot:
 
 def _whole(schema: JsonSchemaValue) -> JsonSchemaValue:
     """Return a schema with its definitions where they are referred to."""
-    known = schema.get("$defs", {})
+    definitions = schema.get("$defs", {})
 
     def put_in(part: Any) -> Any:
         if isinstance(part, list):
@@ -161,8 +161,8 @@ def _whole(schema: JsonSchemaValue) -> JsonSchemaValue:
         if not isinstance(part, dict):
             return part
         name = str(part.get("$ref", "")).removeprefix("#/$defs/")
-        if name in known:
-            return put_in(known[name])
+        if name in definitions:
+            return put_in(definitions[name])
         return {key: put_in(one) for key, one in part.items() if key != "$defs"}
 
     whole: JsonSchemaValue = put_in(schema)
@@ -212,9 +212,9 @@ class NameOrForm:
         wrong = [(index, item) for index, item in enumerate(items) if not isinstance(item, Mapping)]
         if wrong:
             raise errors([((index,), "must be a mapping", item) for index, item in wrong])
-        made = strictly(self.mark.form, value)
+        form = strictly(self.mark.form, value)
         try:
-            return self.mark.made(made) if self.mark.made else made
+            return self.mark.made(form) if self.mark.made else form
         except ValueError as error:
             raise _error(str(error)) from error
 
@@ -348,8 +348,8 @@ def _default(owner: Any, name: str) -> Any:
     """Return the default of a key of a section or a dataclass."""
     if dataclasses.is_dataclass(owner):
         field = next(each for each in dataclasses.fields(owner) if each.name == name)
-        made = field.default_factory
-        return field.default if made is dataclasses.MISSING else made()
+        factory = field.default_factory
+        return field.default if factory is dataclasses.MISSING else factory()
     return owner.model_fields[name].get_default(call_default_factory=True)
 
 

@@ -135,8 +135,8 @@ class ScenarioDraft:
             return
         container[path[-1]] = document.data
         beneath = [p for p in self.origins if p[: len(path)] == path]
-        for known in beneath:
-            del self.origins[known]
+        for key in beneath:
+            del self.origins[key]
         self.origins[path] = Origin(number, text, path)
         self.doubtful = [p for p in self.doubtful if not _related(p, path)]
 

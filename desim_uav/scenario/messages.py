@@ -57,8 +57,8 @@ def _complaint(
         return _unknown_key(path, draft)
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         return _missing(path, details)
-    known = _known_part(path, draft)
-    return Complaint(known, _message(detail), known)
+    part = _known_part(path, draft)
+    return Complaint(part, _message(detail), part)
 
 
 def _unknown_key(path: KeyPath, draft: ScenarioDraft) -> Complaint:

@@ -156,11 +156,11 @@ class BatchSimulation(Engine):
 
     def route(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
         """Return the numbers of hops, which are the end of some planned return."""
-        known, wanted = self.all_hops.view(np.int64).reshape(-1, 3), np.array(hops, np.int64)
-        starts = np.flatnonzero((known[: len(known) - len(wanted) + 1] == wanted[0]).all(axis=1))
+        all_rows, rows = self.all_hops.view(np.int64).reshape(-1, 3), np.array(hops, np.int64)
+        starts = np.flatnonzero((all_rows[: len(all_rows) - len(rows) + 1] == rows[0]).all(axis=1))
         for first in starts.tolist():
-            if (known[first : first + len(wanted)] == wanted).all():
-                return first, first + len(wanted)
+            if (all_rows[first : first + len(rows)] == rows).all():
+                return first, first + len(rows)
         raise SimulationError(f"carry: {tuple(hops)} is no way back of this world")
 
     def start_afresh(self) -> None:

@@ -41,11 +41,11 @@ class Plans(dict[int, PlanRow]):
 
         They are added unless they are known already.
         """
-        known, first = tuple(hops), len(self.hops)
-        if known not in self._numbers:
+        route, first = tuple(hops), len(self.hops)
+        if route not in self._numbers:
             self.hops.extend(fill(Hop, hop) for hop in hops)
-            self._numbers[known] = first, len(self.hops)
-        return self._numbers[known]
+            self._numbers[route] = first, len(self.hops)
+        return self._numbers[route]
 
     def _row(self, back: Return | None) -> PlanRow:
         """Return a planned return as a row, after adding its hops."""

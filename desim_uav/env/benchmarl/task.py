@@ -67,13 +67,13 @@ class UavTask(TaskClass):  # type: ignore[misc]
         """Return a function that makes a batch of ``num_envs`` environments."""
         first = None if seed is None else FIRST_SEED + seed * num_envs
 
-        def made() -> EnvBase:
+        def make() -> EnvBase:
             env = UavTorchEnv(num_envs=num_envs, seed=first, device=device, **self.config)
             env.vector.sessions[0].scenario.require_cells("a task of BenchMARL")
             env.vector.sessions[0].tasks.require_one_discount("BenchMARL")
             return env
 
-        return made
+        return make
 
     def supports_continuous_actions(self) -> bool:
         """Return False: actions are discrete."""

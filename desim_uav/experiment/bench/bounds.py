@@ -32,8 +32,8 @@ def has_bound(task: Task, track: BenchTrack) -> bool:
 
 def bound_of(task: Task, track: BenchTrack, seed: int) -> float | None:
     """Return the upper bound of QoE3 for all policies, in percent; None if none is proven."""
-    known = kept().get((task.name, track.name, seed))
-    return compute(task, track, seed) if known is None else known
+    bound = kept().get((task.name, track.name, seed))
+    return compute(task, track, seed) if bound is None else bound
 
 
 def compute(task: Task, track: BenchTrack, seed: int) -> float | None:

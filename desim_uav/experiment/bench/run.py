@@ -113,11 +113,11 @@ def submit(
     chosen = list(seeds or track.seeds)
     now = clock()
     started = now()
-    said = about(task, track, policies, name)
+    content = about(task, track, policies, name)
     measured, interrupted = _measured(task, track, policies, chosen, jobs, on_run)
     with suppress(KeyboardInterrupt), undisturbed():  # what has been flown is written
         manifest = {
-            **said,
+            **content,
             **({} if training_steps is None else {"training_steps": training_steps}),
             "seeds": list({one.row["seed"]: None for one in measured}),
             "interrupted": interrupted,
@@ -138,9 +138,9 @@ def about(
     Raises UsageError if the policies do not all know the same, as those of one algorithm do.
     """
     policy, *others = policies
-    known = _known(policy, task.scenario(track))
+    information_ = _known(policy, task.scenario(track))
     for other in others:
-        if _known(other, task.scenario(track)) != known:
+        if _known(other, task.scenario(track)) != information_:
             raise UsageError(
                 f"--policy {other}: it does not use the same as {policy}; the policies of a "
                 "submission are those of several trainings of one algorithm"
@@ -156,7 +156,7 @@ def about(
         "policy_sha256": policy_sha256(policy),
         **({"policies": listed} if others else {}),
         "name": name or policy,
-        **known,
+        **information_,
         "engine": ENGINE,
         "episodes": EPISODES,
         "warmup": WARMUP,
@@ -176,8 +176,8 @@ def _known(policy: str, scenario: Scenario) -> dict[str, Any]:
 def information(policy: str, scenario: Scenario) -> str:
     """Return what a policy uses: what it declares, or else what its observation declares."""
     loaded = load_policy(policy)
-    said = getattr(loaded, "information", None) or OWN_KNOWLEDGE.get(policy)
-    return str(said or information_of(as_seen(scenario, loaded).observation))
+    information_ = getattr(loaded, "information", None) or OWN_KNOWLEDGE.get(policy)
+    return str(information_ or information_of(as_seen(scenario, loaded).observation))
 
 
 def policy_sha256(policy: str) -> str | None:

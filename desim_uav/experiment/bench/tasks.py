@@ -108,11 +108,11 @@ def tasks() -> dict[str, Task]:
 
 def find_task(name: str) -> Task:
     """Return the task of a name; its size may be left out. Raises UsageError."""
-    known = tasks()
+    task_of = tasks()
     for candidate in (name, f"{name}/{USUAL}"):
-        if candidate in known:
-            return known[candidate]
-    names = [*known, *(f"{BENCHMARK}/{family}" for family in FAMILIES)]
+        if candidate in task_of:
+            return task_of[candidate]
+    names = [*task_of, *(f"{BENCHMARK}/{family}" for family in FAMILIES)]
     raise UsageError(
         f"{name}: unknown task{did_you_mean(name, names)}; a task is "
         f"{BENCHMARK}/{'|'.join(FAMILIES)}, and /{'|/'.join(SIZES)} may follow"

@@ -48,8 +48,8 @@ def differences(
     ]
     lines: dict[int, list[str]] = {}
     with closing(run_each(of_seed, work, jobs)) as ended:
-        for number, said in ended:
-            lines[number] = said
+        for number, lines_of_run in ended:
+            lines[number] = lines_of_run
             on_run()
     return listed + [line for number in sorted(lines) for line in lines[number]]
 
@@ -69,21 +69,21 @@ def of_seed(
         again = replay(task, track, seed, commands, ceiling)
     except DesimError as error:
         return [f"{run}: the commands cannot be replayed: {error}"]
-    said = [
+    lines = [
         f"{run}: {name}: the folder has {_words(row[name])}, the replay {_words(value)}"
         for name, value in again.items()
         if row[name] != value
     ]
-    said += [f"{run}: {line}" for line in _of_bound(task, track, row)]
+    lines += [f"{run}: {line}" for line in _of_bound(task, track, row)]
     if policy is not None:
         now = measure(task, track, policy, seed).commands
         if not np.array_equal(now, commands):
             episode, step, drone = (int(each[0]) for each in np.nonzero(now != commands))
-            said.append(
+            lines.append(
                 f"{run}: commands: the policy decides otherwise, first in episode "
                 f"{episode - WARMUP}, step {step}, for drone {drone}"
             )
-    return said
+    return lines
 
 
 def _of_bound(task: Task, track: BenchTrack, row: Mapping[str, Any]) -> Sequence[str]:
@@ -96,35 +96,35 @@ def _of_bound(task: Task, track: BenchTrack, row: Mapping[str, Any]) -> Sequence
 
 
 def _of_protocol(submission: Submission) -> list[str]:
-    said = [
+    lines = [
         f"{name}: the folder has {getattr(submission.about, name)!r}, the protocol {value!r}"
         for name, value in FIXED.items()
         if getattr(submission.about, name) != value
     ]
     foreign = sorted({*submission.about.seeds} - {*submission.track.seeds})
     if foreign:
-        said.append(f"seeds: {foreign} are not in the track {submission.track.name!r}")
+        lines.append(f"seeds: {foreign} are not in the track {submission.track.name!r}")
     if len({*submission.about.seeds}) < len(submission.about.seeds):
-        said.append("seeds: one is there twice")
+        lines.append("seeds: one is there twice")
     if (submission.about.training_steps or 0) > STEPS[submission.task.size]:
-        said.append(f"training_steps: more than the {STEPS[submission.task.size]:,} of the task")
-    return said
+        lines.append(f"training_steps: more than the {STEPS[submission.task.size]:,} of the task")
+    return lines
 
 
 def _of_policy(submission: Submission) -> list[str]:
-    said = []
+    lines = []
     for number, training in enumerate(submission.about.trainings):
         values = {
             name: getattr(submission.about, name) for name in OF_POLICY
         } | training.model_dump()
         now = about(submission.task, submission.track, [training.policy])
-        said += [
+        lines += [
             f"{name}{f' of training {number}' if number else ''}: the folder has {values[name]!r}, "
             f"the policy now {now[name]!r}"
             for name in OF_POLICY
             if values[name] != now[name]
         ]
-    return said
+    return lines
 
 
 def _words(value: Any) -> str:

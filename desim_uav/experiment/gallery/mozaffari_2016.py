@@ -84,13 +84,13 @@ def _room_by_place(z: Array) -> Any:
     count = len(centres)
     one, other = np.triu_indices(count, 1)
     pairs = np.arange(len(one))
-    made = np.zeros((len(one) + count, count, 2))
+    slopes = np.zeros((len(one) + count, count, 2))
     apart = 2.0 * (centres[one] - centres[other])
-    made[pairs, one], made[pairs, other] = apart, -apart
+    slopes[pairs, one], slopes[pairs, other] = apart, -apart
     alone = np.arange(count)
-    made[len(one) + alone, alone] = -2.0 * centres
+    slopes[len(one) + alone, alone] = -2.0 * centres
     by_radius = np.append(np.full(len(one), -8.0 * radius), np.full(count, -2.0 * (1.0 - radius)))
-    return np.column_stack([made.reshape(len(made), -1), by_radius])
+    return np.column_stack([slopes.reshape(len(slopes), -1), by_radius])
 
 
 def draw() -> Figure:

@@ -21,14 +21,14 @@ def common_episodes(first: Run, second: Run, asked: str | None) -> list[int]:
     """
     for what, one, other in _differences(first, second):
         raise _unlike(first, second, f"{what}: {one} and {other}")
-    wanted, others = first.chosen(asked), second.chosen(asked)
-    if wanted != others:
+    numbers, others = first.chosen(asked), second.chosen(asked)
+    if numbers != others:
         raise _unlike(
             first,
             second,
-            f"episodes: {_span(wanted)} and {_span(others)}; choose common ones with --episodes",
+            f"episodes: {_span(numbers)} and {_span(others)}; choose common ones with --episodes",
         )
-    return wanted
+    return numbers
 
 
 def _differences(first: Run, second: Run) -> Iterator[tuple[str, Any, Any]]:

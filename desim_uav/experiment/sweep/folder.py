@@ -154,18 +154,18 @@ class SweepFolder:
                 raise PolicyError(
                     f"{self.out}: the folder holds another sweep: {what} {was}, not {now}"
                 )
-        known = set(plan["jobs"])
-        others = sum(job not in known for job in there["jobs"])
+        ids = set(plan["jobs"])
+        others = sum(job not in ids for job in there["jobs"])
         if others:
             changed = there["scenario"]["sha256"] != plan["scenario"]["sha256"]
             reason = "the scenario's file" if changed else "values, policies, seeds or files"
             raise PolicyError(
                 f"{self.out}: the folder holds another sweep: {others} of its "
-                f"{len(there['jobs'])} jobs are not among these {len(known)} ({reason} differ); "
+                f"{len(there['jobs'])} jobs are not among these {len(ids)} ({reason} differ); "
                 "name another --out"
             )
         for file in sorted((self.out / RESULTS).glob("*")):
-            if not file.name.startswith(".") and file.stem not in known:
+            if not file.name.startswith(".") and file.stem not in ids:
                 raise PolicyError(f"{file}: not a row of this sweep; move it elsewhere")
 
     def _file(self, job: Job) -> Path:

@@ -28,11 +28,11 @@ def plot_sweep(
     """
     from desim_uav.report.figures import intervals_figure, sweep_figure
 
-    known = (*MEASURES, ENERGY)
+    names = (*MEASURES, ENERGY)
     for name in measure or ():
-        if name not in known:
-            hint = did_you_mean(name, known)
-            raise UsageError(f"--measure {name}{hint}; allowed: {', '.join(known)}")
+        if name not in names:
+            hint = did_you_mean(name, names)
+            raise UsageError(f"--measure {name}{hint}; allowed: {', '.join(names)}")
     measures = list(dict.fromkeys(measure or DRAWN))
     results = read_sweep(folder)
     if not {*measures} <= {*results.measures}:
@@ -41,9 +41,9 @@ def plot_sweep(
         table = content(results, {})
         titles = {name: (COMPARED | OF_ENERGY)[name][0] for name in measures}
         return intervals_figure(table["estimates"], table["policies"], titles, False)
-    wanted = _wanted(key or ())
-    held = {name: value for name, value in wanted.items() if value is not None}
-    return sweep_figure(content(chosen_keys(results, wanted), held), measures)
+    value_at = _wanted(key or ())
+    held = {name: value for name, value in value_at.items() if value is not None}
+    return sweep_figure(content(chosen_keys(results, value_at), held), measures)
 
 
 def sweep_report(folder: Path, title: str | None) -> str:
@@ -75,10 +75,10 @@ def sweep_report(folder: Path, title: str | None) -> str:
 
 
 def _wanted(keys: Sequence[str]) -> dict[str, str | None]:
-    wanted: dict[str, str | None] = {}
+    value_at: dict[str, str | None] = {}
     for text in keys:
         name, equals, value = text.partition("=")
-        if name in wanted:
+        if name in value_at:
             raise UsageError(f"--key {name}: the key is given twice")
-        wanted[name] = value if equals else None
-    return wanted
+        value_at[name] = value if equals else None
+    return value_at

@@ -68,8 +68,8 @@ class SweepResults:
         """The policies and algorithms that have rows, in the order of the command."""
         listed = [*self.manifest.get("policies", ()), *self.manifest.get("algorithms", ())]
         there = list(dict.fromkeys(row["policy"] for row in self.rows))
-        known = [name for name in dict.fromkeys(listed) if name in there]
-        return [*known, *(name for name in there if name not in known)]
+        in_order = [name for name in dict.fromkeys(listed) if name in there]
+        return [*in_order, *(name for name in there if name not in in_order)]
 
     def estimates(self) -> list[dict[str, Any]]:
         """Return a row for each combination and policy: cells, ``policy`` and ``measures``.
@@ -128,14 +128,14 @@ def content(results: SweepResults, held: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> SweepResults:
+def chosen_keys(results: SweepResults, value_at: Mapping[str, str | None]) -> SweepResults:
     """Keep the rows that a figure of at most two keys shows.
 
-    ``wanted`` has the keys to show (None) and those to hold at a value, in this order. Raises
+    ``value_at`` has the keys to show (None) and those to hold at a value, in this order. Raises
     UsageError if a key does not vary, has no such value, or more than two keys are left.
     """
     keys, rows = results.keys, results.rows
-    for key, text in wanted.items():
+    for key, text in value_at.items():
         if key not in keys:
             varied = ", ".join(keys) or "none"
             hint = did_you_mean(key, keys)
@@ -145,7 +145,7 @@ def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> Swee
         if text is not None:
             value = _named(key, text, keys[key])
             rows = [row for row in rows if row[key] == value]
-    free = [key for key in keys if wanted.get(key) is None]
+    free = [key for key in keys if value_at.get(key) is None]
     if len(free) > MOST_KEYS:
         many = ", ".join(free)
         example = f"--key {free[-1]}={word(keys[free[-1]][0])}"
@@ -155,7 +155,7 @@ def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> Swee
         )
     if not rows:
         raise PolicyError(f"{results.folder}: no job with these values has ended")
-    order = [*(key for key, text in wanted.items() if text is None), *free]
+    order = [*(key for key, text in value_at.items() if text is None), *free]
     chosen = replace(results, rows=rows, order=tuple(dict.fromkeys(order)))
     if not chosen.keys:
         raise UsageError(f"{results.folder}: no key is left that varies, so there is no figure")

@@ -444,9 +444,9 @@ class RowDraws:
     ) -> Any:
         """Draw the requests, and return the Asking."""
         model: Any = type(self.demand)
-        made, cls, users = self._compiled, _asking_of(model), states.shape[1]
+        code, cls, users = self._compiled, _asking_of(model), states.shape[1]
         asking: Any
-        if made is None:
+        if code is None:
             asking = blank(cls)
             asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(asks) - 1
             asking.states = Table(states.reshape(-1).tolist())
@@ -464,8 +464,8 @@ class RowDraws:
         tables = {"states": states, "offsets": offsets, "asks": asks, "drawn": drawn}
         for name, array in tables.items():
             attach(block, cls, name, array)
-        values, offer = made.values, self._packed_offer
-        call_at(made.functions["draw"], (place(values), place(block), place(offer)))
+        values, offer = code.values, self._packed_offer
+        call_at(code.functions["draw"], (place(values), place(block), place(offer)))
         return asking
 
 

@@ -195,9 +195,9 @@ def compiled_loss(path_loss: RowPathLoss, carrier_ghz: float = 2.0) -> Loss:
     problem = problem_of_bounds(path_loss, carrier_ghz) or why_not_compiled(path_loss)
     if problem:
         raise ScenarioError(f"path_loss: {kind_of(path_loss)!r}: {problem}")
-    made = compiled((LEVEL, BOUNDS), path_loss, ())
-    level, rates = made.functions["level"], made.functions["rates"]
-    return Loss(level, rates, made.values.ctypes.data, made)
+    code = compiled((LEVEL, BOUNDS), path_loss, ())
+    level, rates = code.functions["level"], code.functions["rates"]
+    return Loss(level, rates, code.values.ctypes.data, code)
 
 
 def why_not_compiled(path_loss: RowPathLoss) -> str:

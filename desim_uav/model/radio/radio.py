@@ -105,8 +105,8 @@ class Reuse(NamedTuple):
 
 def _held() -> RowSharing:
     """Return the sharing ``held``."""
-    made: RowSharing = resolve("sharing", "held")()
-    return made
+    sharing: RowSharing = resolve("sharing", "held")()
+    return sharing
 
 
 @register("radio", "link_classes")

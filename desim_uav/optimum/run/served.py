@@ -92,8 +92,8 @@ class Served:
                 low = middle
             else:
                 theta = middle
-        _, made = _choose(asked, prices, gains, theta, needed, True)
-        return Slope(theta, needed, float(max(made, 1)))
+        _, requests = _choose(asked, prices, gains, theta, needed, True)
+        return Slope(theta, needed, float(max(requests, 1)))
 
 
 @maker
@@ -146,7 +146,7 @@ def _choose(
 
     If ``write`` is true, the times of service are added to ``needed`` (steps, users).
     """
-    total, made = 0.0, 0
+    total, requests = 0.0, 0
     for chain in range(len(asked.users)):
         first, stop = asked.first[chain], asked.first[chain + 1]
         if first == stop:
@@ -168,7 +168,7 @@ def _choose(
             part = k == last or (not asked.after_previous and gains[k, 1] > theta)
             if not (whole or part):
                 continue
-            made += 1
+            requests += 1
             if write:
                 worth = np.inf if whole else 1.0 / asked.required[k]
                 window = (asked.earliest[k], asked.ends[k])
@@ -177,4 +177,4 @@ def _choose(
                 )
                 for i in range(len(steps)):
                     needed[steps[i], asked.users[chain]] += times[i]
-    return total, made
+    return total, requests

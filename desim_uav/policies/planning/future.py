@@ -97,13 +97,13 @@ class _Draws:
 
     def errors(self, path: SamplePath) -> NDArray[np.float64] | None:
         """Return the position errors, of which those after now are new."""
-        noise, known = self.world.scenario.position_noise, path.position_error
-        if known is None or noise is None:
+        noise, errors = self.world.scenario.position_noise, path.position_error
+        if errors is None or noise is None:
             return None
         rng = self._streams(NOISE).generator(0)
-        drawn = rng.normal(0.0, noise.sigma_cells, known.shape)
-        drawn = np.where(rng.random(known.shape) < noise.probability, drawn, 0.0)
-        drawn[:, : self.step + 1] = known[:, : self.step + 1]
+        drawn = rng.normal(0.0, noise.sigma_cells, errors.shape)
+        drawn = np.where(rng.random(errors.shape) < noise.probability, drawn, 0.0)
+        drawn[:, : self.step + 1] = errors[:, : self.step + 1]
         return drawn
 
     def respawns(self, path: SamplePath) -> NDArray[np.int64]:

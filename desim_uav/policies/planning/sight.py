@@ -49,8 +49,8 @@ class PlanningSight(NamedTuple):
         places_m = np.repeat(self.users_m[np.newaxis], steps + 1, axis=0)
         passed = np.arange(steps + 1)
         if self.future_m is not None:
-            known = self.future_m[: steps + 1]
-            places_m[: len(known)] = known
+            true_m = self.future_m[: steps + 1]
+            places_m[: len(true_m)] = true_m
         places_m[self.left :] = ground.world.homes[:, :2]
         passed[self.left :] -= self.left
         spread_m = ground.spread_m[np.minimum(passed, len(ground.spread_m) - 1)]

@@ -188,10 +188,10 @@ def commands_of(
     masks: Sequence[Sequence[bool]],
 ) -> list[int]:
     """Return the commands for one action of a plan per drone, and what is forced otherwise."""
-    known = [*ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
+    all_actions = [*ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
     commands = []
     for observation, mask, k in zip(observations, masks, actions.tolist(), strict=True):
-        action = known[k] if k >= 0 and observation.mode in DECIDES else Action.HOVER
+        action = all_actions[k] if k >= 0 and observation.mode in DECIDES else Action.HOVER
         forced = list(mask).index(True) if sum(mask) == 1 else -1
         commands.append(forced if forced >= 0 else ground.world.actions.index(action))
     return commands

@@ -214,13 +214,13 @@ def _problems(about: Mapping[str, Any], weights: int) -> Iterator[str]:
         yield f"it has {weights:,} weights, which is not the number of its modules' weights"
 
 
-def _wrong(what: str, about: Any, known: Mapping[str, str], settings: Mapping[str, Any]) -> str:
+def _wrong(what: str, about: Any, classes: Mapping[str, str], settings: Mapping[str, Any]) -> str:
     """Return why a class must not be built, or ""."""
     if not isinstance(about, dict) or not isinstance(about.get("settings"), dict):
         return f"a {what} must be a mapping with class and settings"
     name = about.get("class")
-    if not isinstance(name, str) or name not in known:
-        return f"its {what} is {in_short(name)}; must be one of {', '.join(known)}"
+    if not isinstance(name, str) or name not in classes:
+        return f"its {what} is {in_short(name)}; must be one of {', '.join(classes)}"
     for key, value in about["settings"].items():
         if key not in settings[name] or not settings[name][key](value):
             return (

@@ -133,10 +133,10 @@ def _modules(modules: dict[str, Any]) -> tuple[dict[str, Any], NDArray[np.float3
     """Return the description of the networks, and their weights in one row."""
     about, weights = {}, []
     for name, module in modules.items():
-        known, state = _known(module, MODULES), module.get_state(inference_only=True)
+        class_name, state = _known(module, MODULES), module.get_state(inference_only=True)
         weights += [np.asarray(values, np.float32).ravel() for values in state.values()]
         about[name] = {
-            "class": known,
+            "class": class_name,
             "settings": _settings(module.model_config),
             "weights": [[key, list(values.shape)] for key, values in state.items()],
         }
@@ -167,9 +167,9 @@ def _connector(piece: Any) -> dict[str, Any]:
     }
 
 
-def _known(one: Any, known: dict[str, str]) -> str:
+def _known(one: Any, module_of: dict[str, str]) -> str:
     """Return the name of an object's class, which must be one of the known classes."""
     name, module = type(one).__name__, type(one).__module__
-    if known.get(name) != module:
-        raise PolicyError(f"{module}.{name} is not one of {', '.join(known)}")
+    if module_of.get(name) != module:
+        raise PolicyError(f"{module}.{name} is not one of {', '.join(module_of)}")
     return name

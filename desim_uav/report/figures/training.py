@@ -126,10 +126,10 @@ def read_training(folder: Path) -> TrainedCurves:
     if not folder.is_dir():
         raise no_such(folder, "training folder")
     if not (folder / "training.parquet").exists():
-        known = (folder / "checkpoint.npz").exists()
+        has_checkpoint = (folder / "checkpoint.npz").exists()
         raise PolicyError(
             f"{folder}: the training has not ended; continue it with --resume"
-            if known
+            if has_checkpoint
             else f"{folder}: not a training folder: it has no training.parquet"
         )
     table = read_table(folder, "training", TRAINING)
