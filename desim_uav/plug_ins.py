@@ -26,12 +26,12 @@ class Admission:
 
     def __init__(self) -> None:
         self._refuses = self._says = False
-        self._said: set[Path] = set()
+        self._folders: set[Path] = set()
 
     def begin(self, refuses: bool) -> None:
         """Begin a command of the command line, which refuses components of one's own or not."""
         self._refuses, self._says = refuses, True
-        self._said.clear()
+        self._folders.clear()
 
     def end(self) -> None:
         """End the command: what Python code imports after it is neither refused nor announced."""
@@ -46,10 +46,10 @@ class Admission:
         if self._refuses:
             raise ValueError(REFUSED)
         folder = _folder_of(name.rpartition(":")[0]) if self._says else None
-        if folder is None or folder in self._said:
+        if folder is None or folder in self._folders:
             return
-        self._said.add(folder)
-        if not any(folder.is_relative_to(place) for place in _chosen()):
+        self._folders.add(folder)
+        if not any(folder.is_relative_to(place) for place in _code_folders()):
             notice(f"{name!r} is imported from {folder}, which runs its code (see --no-plugins)")
 
 
@@ -73,7 +73,7 @@ def _folder_of(module: str) -> Path | None:
     return None
 
 
-def _chosen() -> list[Path]:
+def _code_folders() -> list[Path]:
     """Return the folders whose code the user has chosen to run."""
     folders = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
     folders += [

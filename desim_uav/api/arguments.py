@@ -131,13 +131,13 @@ def command_of(function: Callable[..., Any], arguments: Mapping[str, Any]) -> li
     if typed:
         return typed
     texts = [
-        _said(name, arguments[name], parameter)
+        _argument_text(name, arguments[name], parameter)
         for name, parameter in inspect.signature(function).parameters.items()
     ]
     return [f"desim_uav.{function.__name__}({', '.join(filter(None, texts))})"]
 
 
-def _said(name: str, value: Any, parameter: inspect.Parameter) -> str:
+def _argument_text(name: str, value: Any, parameter: inspect.Parameter) -> str:
     """Write an argument as it was given, or nothing for a default."""
     if value is parameter.default or name in ("progress", "callback"):
         return ""

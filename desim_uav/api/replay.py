@@ -54,26 +54,26 @@ class Replay(Page):
 
     def __init__(self, page: Made) -> None:
         super().__init__(page.content, "replay.html")
-        self._made = page
+        self._page = page
 
     @property
     def episodes(self) -> list[int]:
         """The episodes that it shows."""
-        return self._made.episodes
+        return self._page.episodes
 
     @property
     def left_out(self) -> list[int]:
         """The episodes for which there was no room."""
-        return self._made.left_out
+        return self._page.left_out
 
     @property
     def file(self) -> Path | None:
         """The file that ``write_replay`` has written; None if it was not written so."""
-        return self._made.file if isinstance(self._made, Written) else None
+        return self._page.file if isinstance(self._page, Written) else None
 
     def summary(self) -> dict[str, Any]:
         """Return what the page shows, and its file and size, as plain data."""
-        return self._made.summary()
+        return self._page.summary()
 
     def __repr__(self) -> str:
         return f"<Replay of {len(self.episodes)} episode(s), {len(self._content):,} bytes>"

@@ -156,7 +156,7 @@ class Ahead:
             self._begin(lock, worlds())
         return lock is not None and before
 
-    def found(self) -> None:
+    def note_on_disk(self) -> None:
         """Note that the code is on disk."""
         self.tries = 0
 

@@ -43,10 +43,10 @@ def draws_of(
 
     Only if the episode is imagined, its key is longer and the number of ``users`` matters.
     """
-    draws = _drawn(key[:2], radio, transmitter, user, cell)
+    draws = _draws_of(key[:2], radio, transmitter, user, cell)
     if len(key) == 2:
         return draws
-    new = _drawn(key[2:4], radio, transmitter, user, cell)
+    new = _draws_of(key[2:4], radio, transmitter, user, cell)
     transmitters = (len(key) - 4) // (1 + users)
     cells = np.array(key[4 : 4 + transmitters]).view(np.int64)
     if cells[transmitter] != cell:
@@ -58,7 +58,7 @@ def draws_of(
     return Draws(1.0 - (1.0 - chance) * (1.0 - new.uniform), new.los_db, draws.nlos_db)
 
 
-def _drawn(
+def _draws_of(
     key: NDArray[np.uint64], radio: LinkClasses, transmitter: int, user: int, cell: int
 ) -> Draws:
     """Return the draws of a link under a key of two words."""

@@ -178,5 +178,5 @@ def on_disk(worlds: Sequence[World], settings: RunSettings) -> BatchSimulation |
         if not missing.keeps:
             _SIMPY_ONLY.update(worlds)
         return None
-    AHEAD.found()
+    AHEAD.note_on_disk()
     return engines[0]

@@ -125,7 +125,7 @@ class SavedState(Unchanging):
         It is the same for both kinds of engine, whatever they have run before this episode.
         """
         state, *others = self.rows
-        content = [self.commands, _told(state._replace(aims=self._aims(state))), *others]
+        content = [self.commands, _content_of(state._replace(aims=self._aims(state))), *others]
         if self.world.free:
             content.append([one.course[:PLACES] for one in state.senders if one.off_grid])
         return hashlib.sha256(repr(tuple(content)).encode()).hexdigest()
@@ -209,17 +209,17 @@ def _read(value: Any, kind: Any) -> Any:
     return tuple(value.tolist() if isinstance(value, np.ndarray) else map(of, value))
 
 
-def _told(values: object) -> Any:
+def _content_of(values: object) -> Any:
     """Return values without the fields that may be left from an earlier episode."""
     if not isinstance(values, tuple):
         return values
     names = getattr(values, "_fields", None)
     if names is None:
-        return [_told(each) for each in values]
+        return [_content_of(each) for each in values]
     if getattr(values, "number", 0) < 0:  # a user has no request
         return None
     named = zip(names, values, strict=True)
-    return [_told(value) for name, value in named if name not in NOT_TOLD]
+    return [_content_of(value) for name, value in named if name not in NOT_TOLD]
 
 
 def write(one: Row | View, cls: Any, values: Sequence[Any]) -> None:

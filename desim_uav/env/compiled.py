@@ -262,10 +262,10 @@ def session_of(engine: str, tasks: Tasks) -> Session:
     if engine == "batch":
         return CompiledSession(tasks)
     session = Session(tasks)
-    return session if engine == "des" else _chosen(session)
+    return session if engine == "des" else _automatic(session)
 
 
-def _chosen(session: Session) -> Session:
+def _automatic(session: Session) -> Session:
     """Return the session of ``engine="auto"``, given a new one in the SimPy engine."""
     worlds = [session.world, *later(session)]
     allowed = {first_of(world, observed=True) for world in worlds}

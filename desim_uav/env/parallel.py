@@ -108,9 +108,9 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         """
         self.session = self.screen.session = faster(self.session)
         self.session.reset(seed)
-        return self._shown()
+        return self._present()
 
-    def _shown(self) -> tuple[dict[str, Parts], Infos]:
+    def _present(self) -> tuple[dict[str, Parts], Infos]:
         """Show the present decision epoch; return its observations and infos."""
         over = self.session.snapshot.terminated or self.session.snapshot.truncated
         self.agents = [] if over else self.possible_agents[:]

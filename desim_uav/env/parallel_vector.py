@@ -83,13 +83,13 @@ class UavParallelVectorEnv(Many):
         self._written = outputs.observations.reshape(count, drones, -1)
         self._masks = outputs.masks.reshape(count, drones, -1)
         self._own = outputs.own.reshape(count, drones, -1)
-        self._shown = self._written.astype(self.sessions[0].dtype)
+        self._rows = self._written.astype(self.sessions[0].dtype)
         self._paid = np.zeros((count, drones))
         self._ends = np.zeros((2, count, drones), np.bool_)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except arrays and threads, which a copy makes again."""
-        own = ("_written", "_masks", "_own", "_shown", "_paid", "_ends")
+        own = ("_written", "_masks", "_own", "_rows", "_paid", "_ends")
         return {key: part for key, part in super().__getstate__().items() if key not in own}
 
     @typed
@@ -194,13 +194,13 @@ class UavParallelVectorEnv(Many):
 
     def _observations(self) -> NDArray[Any]:
         if self.copy:
-            return self._written.astype(self._shown.dtype)
-        np.copyto(self._shown, self._written, casting="unsafe")
-        return self._shown
+            return self._written.astype(self._rows.dtype)
+        np.copyto(self._rows, self._written, casting="unsafe")
+        return self._rows
 
     def _final(self, ended: Flags) -> dict[str, Any]:
         """Return the last observations and infos of the episodes that have ended."""
-        observations = self._written.astype(self._shown.dtype)
+        observations = self._written.astype(self._rows.dtype)
         infos = {key: array.copy() for key, array in self.infos().items()}
         for array in (observations, *infos.values()):
             array[~ended] = 0

@@ -60,7 +60,7 @@ class Saving:
     session: Session
     guard: OneThread
 
-    def _shown(self) -> Any:
+    def _present(self) -> Any:
         """Return what a reset returns, for the present decision epoch."""
         raise NotImplementedError
 
@@ -82,7 +82,7 @@ class Saving:
         cannot be read or that does not lead to the state that was saved.
         """
         resume(self.session, state)
-        return self._shown()
+        return self._present()
 
     @typed
     @alone

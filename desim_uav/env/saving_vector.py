@@ -55,7 +55,7 @@ class VectorSaving:
         ``which``: the index of one or of several environments; None: all of them. Returns the
         observations of all environments, and the infos of those. Raises the errors of ``UavEnv``.
         """
-        chosen = self._chosen(which)
+        chosen = self._indices(which)
         resume(self.sessions[chosen[0]], state)
         return self.assign(chosen[0], chosen)
 
@@ -70,7 +70,7 @@ class VectorSaving:
         environment in the same world. Raises ResetNeeded before the first episode of k.
         """
         self.sessions[k].require_episode()
-        chosen = self._chosen(which)
+        chosen = self._indices(which)
         assign(self.sessions[k], [self.sessions[other] for other in chosen if other != k])
         self._which[chosen] = self.sessions[k].which(self.sessions[k].episode)
         return self._present(_mask(chosen, self.num_envs))
@@ -102,7 +102,7 @@ class VectorSaving:
         forked: Self = other
         return forked
 
-    def _chosen(self, which: int | Sequence[int] | None) -> list[int]:
+    def _indices(self, which: int | Sequence[int] | None) -> list[int]:
         """Return indices of environments, of which there must be at least one."""
         if which is None:
             return list(range(self.num_envs))

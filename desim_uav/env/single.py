@@ -96,9 +96,9 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         self.session = self.screen.session = faster(self.session)
         self.session.reset(seed)
         super().reset(seed=None if seed is None else self.session.seed)
-        return self._shown()
+        return self._present()
 
-    def _shown(self) -> tuple[NDArray[Any], dict[str, Any]]:
+    def _present(self) -> tuple[NDArray[Any], dict[str, Any]]:
         """Show the present decision epoch; return its observation and its info."""
         self.screen.refresh()
         return self.session.observation(), self.session.info()

@@ -51,7 +51,7 @@ class Kept(NamedTuple):
         """Return the state to which the commands lead. Raises StateError, which names the file."""
         world = engine.world
         try:
-            steps = self._told(world)
+            steps = self._steps(world)
             before, ceilings = self.before, engine.settings.ceilings
             engine.carry(None if before is None else checked(before, world, ceilings))
             engine.reset(draw(world, self.seed, self.episode))
@@ -67,7 +67,7 @@ class Kept(NamedTuple):
             )
         return saved
 
-    def _told(self, world: World) -> list[Any]:
+    def _steps(self, world: World) -> list[Any]:
         """Return the commands of each step. Raises ValueError if they do not fit a world."""
         steps, drones = self.commands.shape
         if drones != world.scenario.drone_count or steps > world.most_epochs:

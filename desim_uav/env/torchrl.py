@@ -137,12 +137,12 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         else:
             chosen = which.reshape(-1).cpu().numpy()
             observations, infos = self.vector.reset(options={"reset_mask": chosen})
-        return self._shown(observations, infos)
+        return self._content(observations, infos)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         actions = tensordict[GROUP, "action"].cpu().numpy()
         observations, rewards, *_, infos = self.vector.step(actions)
-        content = self._shown(observations, infos)
+        content = self._content(observations, infos)
         content[GROUP, "reward"] = self._tensor(rewards.astype(np.float32)).unsqueeze(-1)
         return content
 
@@ -172,7 +172,7 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
 
     # ---- tensors
 
-    def _shown(self, observations: NDArray[Any], infos: dict[str, Any]) -> TensorDict:
+    def _content(self, observations: NDArray[Any], infos: dict[str, Any]) -> TensorDict:
         """Return everything that is observed now, and which episodes are over."""
         own, shared = self._infos(infos)
         drones = {

@@ -188,7 +188,7 @@ class _Worker(threading.Thread):
         super().__init__(daemon=True)
         self._items = items
         self._asked: SimpleQueue[bool] = SimpleQueue()
-        self._made: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
+        self._outcomes: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
         self._busy = False
 
     def run(self) -> None:
@@ -199,7 +199,7 @@ class _Worker(threading.Thread):
                     outcome: tuple[Any, BaseException | None] = next(self._items, _END), None
                 except BaseException as error:  # the main thread raises it again
                     outcome = _END, error
-                self._made.put(outcome)
+                self._outcomes.put(outcome)
 
     def next(self) -> Any:
         """Return the next item, or ``_END``. Raises what making it raised, or KeyboardInterrupt."""
@@ -207,7 +207,7 @@ class _Worker(threading.Thread):
         self._asked.put(True)
         while True:
             try:
-                item, error = self._made.get(timeout=LISTEN_S)
+                item, error = self._outcomes.get(timeout=LISTEN_S)
             except Empty:  # Python can handle signals here
                 continue
             self._busy = False

@@ -32,7 +32,7 @@ class Footprints:
         self.world = world
         users = len(world.homes)
         self.users = Users(*world.walks(world.seed, 0), np.zeros((SEEN_ROWS, users)))
-        self._found = np.empty((4 * len(world.homes) + 4, 3), np.int64)
+        self._buffer = np.empty((4 * len(world.homes) + 4, 3), np.int64)
 
     def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
         """Return the users in the footprint of a drone that hovers over a point."""
@@ -60,11 +60,11 @@ class Footprints:
         route = (*leg.from_m, *leg.to_m)
         radius_m = self.world.only_type.drones.footprint_radius_m
         flown = DroneLeg(leg.transit.profile, route, (0, span_us), radius_m, fresh=True)
-        count = crossings(flown, self.users, self._found)
-        if count > len(self._found):
-            self._found = np.empty((2 * count, 3), np.int64)
+        count = crossings(flown, self.users, self._buffer)
+        if count > len(self._buffer):
+            self._buffer = np.empty((2 * count, 3), np.int64)
             return self._crossings(leg, span_us)
-        return self._found[:count].copy()
+        return self._buffer[:count].copy()
 
     def by_cell(self) -> NDArray[np.bool_]:
         """Return (nx, ny, users): whether a drone over the middle of a cell covers a user."""

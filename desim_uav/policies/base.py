@@ -212,7 +212,7 @@ def load_policy(policy: PolicyLike) -> Policy:
     if isinstance(policy, str | Path):
         return _checked(_of_name(policy_name(policy)), policy_name(policy))
     if isinstance(policy, type):
-        return _checked(_made(policy, policy_name(policy)), policy_name(policy))
+        return _checked(_instance(policy, policy_name(policy)), policy_name(policy))
     candidate: Any = policy
     adapter = _adapter_of(candidate)
     if adapter is not None:
@@ -318,7 +318,7 @@ def _unknown(name: str) -> str:
     )
 
 
-def _made(policy: type, name: str) -> Any:
+def _instance(policy: type, name: str) -> Any:
     """Make an instance of a policy class. Raises PolicyError."""
     try:
         return policy()

@@ -40,7 +40,7 @@ class Script:
         columns = {"step": index, "drone": index, "action": _action}
         rows = read_table(self.file, columns, dict.fromkeys(NUMBERS, _share))
         self.commands: dict[tuple[int, int], str] = {}
-        self._given: dict[tuple[int, int], Given] = {}
+        self._numbers: dict[tuple[int, int], Given] = {}
         self._lines: dict[tuple[int, int], int] = {}
         self._noticed = False
         for step, drone, action, *numbers, line in rows:
@@ -48,7 +48,7 @@ class Script:
             if at in self.commands:
                 raise ValueError(f"{file}:{line}: drone {drone} has two actions at step {step}")
             self.commands[at], self._lines[at] = action, line
-            self._given[at] = dict(zip(NUMBERS, numbers, strict=True))
+            self._numbers[at] = dict(zip(NUMBERS, numbers, strict=True))
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Check the script. Raises PolicyError if it does not fit the scenario.
@@ -58,7 +58,7 @@ class Script:
         self._notice_late_actions(world)
         commands = world.commands
         self._hover = commands.actions.index(Action.HOVER)
-        self._told: dict[tuple[int, int], Any] = {}
+        self._commands: dict[tuple[int, int], Any] = {}
         drones = world.scenario.drone_count
         for at, action in self.commands.items():
             where, drone = f"{self.file}:{self._lines[at]}", at[1]
@@ -71,7 +71,7 @@ class Script:
                     f"allowed: {', '.join(own.named)}"
                 )
             try:
-                self._told[at] = own.scripted(drone, own.named[action], self._given[at])
+                self._commands[at] = own.scripted(drone, own.named[action], self._numbers[at])
             except CommandError as problem:
                 raise PolicyError(f"{where}: {problem}") from problem
 
@@ -87,7 +87,7 @@ class Script:
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
         """Return the command in the file, or "hover" if it has none for this step and drone."""
-        return self._told.get((observation.step, observation.drone), self._hover)
+        return self._commands.get((observation.step, observation.drone), self._hover)
 
 
 def _action(text: str) -> str:

@@ -51,7 +51,7 @@ class Run:
         """Return the rows of an episode."""
         if name in IN_TIME and not self.keeps_events:
             self.need([episode])
-            frame = self._made[name]
+            frame = self._again[name]
         else:
             frame = self.table(name)
         return frame[frame["episode"] == episode]
@@ -71,14 +71,14 @@ class Run:
 
         Raises NoEventsError if the run kept none and cannot be played again.
         """
-        if self.keeps_events or self._made_of >= set(episodes):
+        if self.keeps_events or self._again_of >= set(episodes):
             return
         self.table("requests")  # a folder that is not a run's gives a better message here
         if self.again is None:
             raise NoEventsError(f"{self.folder}: the run kept no events")
-        self._made.update(self.again(self, episodes))
-        self._made_of.clear()
-        self._made_of.update(episodes)
+        self._again.update(self.again(self, episodes))
+        self._again_of.clear()
+        self._again_of.update(episodes)
 
     @cached_property
     def keeps_events(self) -> bool:
@@ -90,11 +90,11 @@ class Run:
         return {}
 
     @cached_property
-    def _made(self) -> Tables:
+    def _again(self) -> Tables:
         return {}
 
     @cached_property
-    def _made_of(self) -> set[int]:
+    def _again_of(self) -> set[int]:
         return set()
 
     # ---- the run itself

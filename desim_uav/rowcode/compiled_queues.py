@@ -77,7 +77,7 @@ def _place(line: Any, place: Any, value: Any) -> Any:
     return place, len(line) + 1
 
 
-def _found(line: Any, value: Any) -> Any:
+def _place_of(line: Any, value: Any) -> Any:
     place = 0
     while place < len(line) and spare(line, place) != value:
         place += 1
@@ -87,7 +87,7 @@ def _found(line: Any, value: Any) -> Any:
 METHODS = {
     "pop": _checked("pop", _last),
     "insert": _checked("insert", _place),
-    "remove": _checked("remove", _found),
+    "remove": _checked("remove", _place_of),
 }
 
 

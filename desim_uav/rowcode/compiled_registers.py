@@ -18,7 +18,7 @@ def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> Non
         builder.store(word, number_at(context, builder, end, I64))
 
 
-def _held(typing_context: Any, row: Any) -> Any:
+def _local_copy(typing_context: Any, row: Any) -> Any:
     """Return a local copy of a row, which the compiler keeps in registers."""
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
@@ -31,7 +31,7 @@ def _held(typing_context: Any, row: Any) -> Any:
 
 
 def _put_back(typing_context: Any, row: Any, copy: Any) -> Any:
-    """Write a copy of a row (see ``_held``) back into the row."""
+    """Write a copy of a row (see ``_local_copy``) back into the row."""
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         _copy(context, builder, row, *arguments)
@@ -40,7 +40,7 @@ def _put_back(typing_context: Any, row: Any, copy: Any) -> Any:
     return types.none(row, copy), generate
 
 
-held, put_back = intrinsic(_held), intrinsic(_put_back)
+held, put_back = intrinsic(_local_copy), intrinsic(_put_back)
 
 
 # ---- choices that a processor cannot predict

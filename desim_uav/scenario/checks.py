@@ -65,7 +65,7 @@ def stations_have_their_own_cells(scenario: Scenario) -> Iterator[Finding]:
         if cell in station_on:
             yield Finding(
                 ("stations", "radius_m"),
-                f"stations {station_on[cell]} and {station} stand on one cell {_shown(cell)}; "
+                f"stations {station_on[cell]} and {station} stand on one cell {_text_of(cell)}; "
                 f"take fewer stations, a larger circle or smaller cells",
                 (("stations", "count"), *_GRID),
             )
@@ -375,7 +375,7 @@ def _cut_off(
         if not reached[cell]:
             yield Finding(
                 ("map", "obstacles", "cells"),
-                f"the buildings cut {_shown(cell)} off from {_shown(cells[0])} "
+                f"the buildings cut {_text_of(cell)} off from {_text_of(cells[0])} "
                 f"at the lowest level, {lowest:g} m",
                 (*also, ("map", "levels", "min_altitude_m")),
             )
@@ -418,5 +418,5 @@ def _off_map(scenario: Scenario) -> str:
     return f"off the map, which is {nx} x {ny} cells, counted from 0"
 
 
-def _shown(cell: Cell) -> str:
+def _text_of(cell: Cell) -> str:
     return f"[{cell[0]}, {cell[1]}]"

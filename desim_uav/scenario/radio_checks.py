@@ -118,7 +118,7 @@ def bands_are_shared_by_all(scenario: Scenario) -> Iterator[Finding]:
         if radio.reuse != drones.reuse:
             yield Finding(
                 (*path, "interference"),
-                f"must be as {owner}, {_shown(drones.interference)}: "
+                f"must be as {owner}, {_text_of(drones.interference)}: "
                 "interference is the same for all",
                 ((*first_path, "interference"),),
             )
@@ -349,7 +349,7 @@ def _kind(component: Any) -> str:
     return str(getattr(component, "kind", type(component).__name__))
 
 
-def _shown(interference: Any) -> str:
+def _text_of(interference: Any) -> str:
     return interference if isinstance(interference, str) else f"{{reuse: {interference.reuse}}}"
 
 

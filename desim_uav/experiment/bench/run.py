@@ -138,9 +138,9 @@ def about(
     Raises UsageError if the policies do not all know the same, as those of one algorithm do.
     """
     policy, *others = policies
-    information_ = _known(policy, task.scenario(track))
+    knowledge = _knowledge(policy, task.scenario(track))
     for other in others:
-        if _known(other, task.scenario(track)) != information_:
+        if _knowledge(other, task.scenario(track)) != knowledge:
             raise UsageError(
                 f"--policy {other}: it does not use the same as {policy}; the policies of a "
                 "submission are those of several trainings of one algorithm"
@@ -156,14 +156,14 @@ def about(
         "policy_sha256": policy_sha256(policy),
         **({"policies": listed} if others else {}),
         "name": name or policy,
-        **information_,
+        **knowledge,
         "engine": ENGINE,
         "episodes": EPISODES,
         "warmup": WARMUP,
     }
 
 
-def _known(policy: str, scenario: Scenario) -> dict[str, Any]:
+def _knowledge(policy: str, scenario: Scenario) -> dict[str, Any]:
     """Return what a policy uses, and how high its drones may fly."""
     loaded = load_policy(policy)
     return {
@@ -176,8 +176,8 @@ def _known(policy: str, scenario: Scenario) -> dict[str, Any]:
 def information(policy: str, scenario: Scenario) -> str:
     """Return what a policy uses: what it declares, or else what its observation declares."""
     loaded = load_policy(policy)
-    information_ = getattr(loaded, "information", None) or OWN_KNOWLEDGE.get(policy)
-    return str(information_ or information_of(as_seen(scenario, loaded).observation))
+    own = getattr(loaded, "information", None) or OWN_KNOWLEDGE.get(policy)
+    return str(own or information_of(as_seen(scenario, loaded).observation))
 
 
 def policy_sha256(policy: str) -> str | None:

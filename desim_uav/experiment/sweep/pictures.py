@@ -41,7 +41,7 @@ def plot_sweep(
         table = content(results, {})
         titles = {name: (COMPARED | OF_ENERGY)[name][0] for name in measures}
         return intervals_figure(table["estimates"], table["policies"], titles, False)
-    value_at = _wanted(key or ())
+    value_at = _values_at(key or ())
     held = {name: value for name, value in value_at.items() if value is not None}
     return sweep_figure(content(chosen_keys(results, value_at), held), measures)
 
@@ -74,7 +74,7 @@ def sweep_report(folder: Path, title: str | None) -> str:
     )
 
 
-def _wanted(keys: Sequence[str]) -> dict[str, str | None]:
+def _values_at(keys: Sequence[str]) -> dict[str, str | None]:
     value_at: dict[str, str | None] = {}
     for text in keys:
         name, equals, value = text.partition("=")

@@ -112,7 +112,7 @@ class Done:
         )
 
     @property
-    def _shown(self) -> dict[str, tuple[str, str]]:
+    def _columns(self) -> dict[str, tuple[str, str]]:
         """Headings and formats of the measures that are shown."""
         of_energy = {name: look for name, look in OF_ENERGY.items() if name in self._measures}
         return SHOWN | of_energy
@@ -127,7 +127,7 @@ class Done:
             *self._varied(),
             "policy",
             "seeds",
-            *(heading for heading, _ in self._shown.values()),
+            *(heading for heading, _ in self._columns.values()),
         ]
 
     def lines(self) -> list[list[str]]:
@@ -137,7 +137,7 @@ class Done:
                 *("null" if (v := arm.combination.cells[k]) is None else f"{v}" for k in varied),
                 arm.policy,
                 str(estimates["reward_mean"].n),
-                *(format(estimates[name], form) for name, (_, form) in self._shown.items()),
+                *(format(estimates[name], form) for name, (_, form) in self._columns.items()),
             ]
             for varied in [self._varied()]
             for arm, estimates in self._estimates()

@@ -72,7 +72,7 @@ class Disc:
     @property
     def sharing(self) -> RowSharing:
         """How requests for a volume share the bandwidth: they hold a rate."""
-        return _held()
+        return _held_sharing()
 
     def bandwidth_hz(self, kbps: float | None) -> float:
         """Return the bandwidth in bit/s, which is that in Hz at 1 bit/s/Hz."""
@@ -103,7 +103,7 @@ class Reuse(NamedTuple):
     """The number of bands: drones of the same index modulo it share one."""
 
 
-def _held() -> RowSharing:
+def _held_sharing() -> RowSharing:
     """Return the sharing ``held``."""
     sharing: RowSharing = resolve("sharing", "held")()
     return sharing
@@ -154,7 +154,7 @@ class LinkClasses:
     )
     """`co_channel`: all drones share a band. `{reuse: n}`: those of the same index modulo n do."""
     sharing: Annotated[RowSharing, ComponentField("sharing", "held", RowSharing, by_name=True)] = (
-        field(default_factory=_held)
+        field(default_factory=_held_sharing)
     )
     """How transfers share the bandwidth that other requests leave."""
 

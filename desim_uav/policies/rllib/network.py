@@ -162,7 +162,7 @@ class Network:
         spaces = self._to_module.observation_space
         specs = {
             name: RLModuleSpec(
-                module_class=_known(MODULES, modules[name]["class"]),
+                module_class=_class_of(MODULES, modules[name]["class"]),
                 observation_space=spaces[name],
                 action_space=self._actions[self._agents[0]],
                 inference_only=True,
@@ -249,7 +249,7 @@ def _connector(about: dict[str, Any]) -> Any:
         settings["multi_agent"] = True
     if about["class"] == "MeanStdFilter":
         settings["update_stats"] = False
-    return _known(CONNECTORS, about["class"])(**settings)
+    return _class_of(CONNECTORS, about["class"])(**settings)
 
 
 @contextmanager
@@ -263,5 +263,5 @@ def _quiet() -> Iterator[None]:
         logging.disable(before)
 
 
-def _known(where: dict[str, str], name: str) -> Any:
+def _class_of(where: dict[str, str], name: str) -> Any:
     return getattr(importlib.import_module(where[name]), name)

@@ -102,14 +102,14 @@ def _flown(algorithm: Any) -> Flown:
 
     The local one has not if there are others. Raises PolicyError if none has.
     """
-    facts: list[Flown | None] = algorithm.env_runner_group.foreach_env_runner(_told)
+    facts: list[Flown | None] = algorithm.env_runner_group.foreach_env_runner(_facts_of)
     for flown in facts:
         if flown is not None:
             return flown
     raise PolicyError("it was not trained on a UavParallelEnv")
 
 
-def _told(runner: Any) -> Flown | None:
+def _facts_of(runner: Any) -> Flown | None:
     """Return the facts that an EnvRunner knows; this runs in the EnvRunner's process."""
     env = getattr(runner.env, "envs", [None])[0]
     session = getattr(getattr(getattr(env, "unwrapped", None), "par_env", None), "session", None)
@@ -133,7 +133,7 @@ def _modules(modules: dict[str, Any]) -> tuple[dict[str, Any], NDArray[np.float3
     """Return the description of the networks, and their weights in one row."""
     about, weights = {}, []
     for name, module in modules.items():
-        class_name, state = _known(module, MODULES), module.get_state(inference_only=True)
+        class_name, state = _class_name_of(module, MODULES), module.get_state(inference_only=True)
         weights += [np.asarray(values, np.float32).ravel() for values in state.values()]
         about[name] = {
             "class": class_name,
@@ -158,7 +158,7 @@ def _own(pipeline: Any) -> list[Any]:
 
 
 def _connector(piece: Any) -> dict[str, Any]:
-    name = _known(piece, CONNECTORS)
+    name = _class_name_of(piece, CONNECTORS)
     if getattr(piece, "_keys_to_remove", None) or getattr(piece, "_agent_ids", None):
         raise PolicyError(f"its {name} leaves out keys or agents")
     return {
@@ -167,7 +167,7 @@ def _connector(piece: Any) -> dict[str, Any]:
     }
 
 
-def _known(one: Any, module_of: dict[str, str]) -> str:
+def _class_name_of(one: Any, module_of: dict[str, str]) -> str:
     """Return the name of an object's class, which must be one of the known classes."""
     name, module = type(one).__name__, type(one).__module__
     if module_of.get(name) != module:
