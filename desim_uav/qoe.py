@@ -234,8 +234,8 @@ class Fairness:
         sums = np.bincount(of_request, requests["qoe1"].to_numpy(), len(users))
         counts = np.bincount(of_request, minlength=len(users))
         for one, total, count in zip(users.tolist(), sums.tolist(), counts.tolist(), strict=True):
-            before, asked = self._of_users.get(one, (0.0, 0))
-            self._of_users[one] = before + total, asked + count
+            before, requests_before = self._of_users.get(one, (0.0, 0))
+            self._of_users[one] = before + total, requests_before + count
         return self
 
     def of_each_user(self) -> NDArray[np.float64]:

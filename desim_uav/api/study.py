@@ -107,7 +107,7 @@ def sweep(
     from desim_uav.experiment.sweep.run import sweep_to_folder
     from desim_uav.shipped import find_scenario
 
-    asked = Asked(
+    plan = Asked(
         find_scenario(str(scenario)) if isinstance(scenario, str | Path) else scenario,
         values,
         None if policies is None else [_named(policy) for policy in each_of("policies", policies)],
@@ -119,7 +119,7 @@ def sweep(
         engine,
     )
     done = sweep_to_folder(
-        asked,
+        plan,
         Path(out),
         resume=resume,
         backend=backend,

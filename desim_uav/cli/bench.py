@@ -22,7 +22,7 @@ app = typer.Typer(
 
 
 @made(bench_list, AS_JSON)
-def list_tasks(asked: dict[str, Any], as_json: bool) -> None:
+def list_tasks(arguments: dict[str, Any], as_json: bool) -> None:
     """Print the tasks, the tracks and the protocol."""
     registry = bench_list()
     if as_json:
@@ -43,9 +43,9 @@ def list_tasks(asked: dict[str, Any], as_json: bool) -> None:
 
 
 @made(bench_run, AS_JSON, NO_PROGRESS, NO_PLUGINS)
-def run(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def run(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print how the policy did, and the folder of the submission."""
-    done, interrupted = ended(bench_run, asked, "no seed has ended")
+    done, interrupted = ended(bench_run, arguments, "no seed has ended")
     if as_json:
         print_json(done.content())
     else:
@@ -57,10 +57,10 @@ def run(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
 
 @made(bench_verify, AS_JSON, NO_PROGRESS, NO_PLUGINS)
-def verify(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def verify(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print the differences, and end with exit code 6 if there are any."""
-    folder = asked["folder"]
-    differences, _ = ended(bench_verify, asked, "nothing was found out")
+    folder = arguments["folder"]
+    differences, _ = ended(bench_verify, arguments, "nothing was found out")
     if as_json:
         print_json({"folder": str(folder), "verified": not differences, "differences": differences})
     elif not differences:
@@ -71,14 +71,14 @@ def verify(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
 
 @made(bench_board, AS_JSON)
-def board(asked: dict[str, Any], as_json: bool) -> None:
+def board(arguments: dict[str, Any], as_json: bool) -> None:
     """Print the leaderboard, or the files that it was written to."""
-    leaderboard = bench_board(**asked)
+    leaderboard = bench_board(**arguments)
     if as_json:
         print_json(leaderboard.content())
-    elif asked["out"] is None:
+    elif arguments["out"] is None:
         print(leaderboard.markdown(), end="")
-    for file in (asked["out"], asked["figure"]):
+    for file in (arguments["out"], arguments["figure"]):
         if file is not None and not as_json:
             tell(file)
 

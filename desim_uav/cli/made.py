@@ -55,11 +55,11 @@ def made(
         own = [parameter_of(of[name], name, name in optional) for name in of]
 
         def command(**values: Any) -> None:
-            asked = {name: value_of(of[name], name, values.pop(name)) for name in of}
+            arguments = {name: value_of(of[name], name, values.pop(name)) for name in of}
             if shows and any(each in QUIETS for each in terminal):
-                asked["progress"] = not values["quiet"]
+                arguments["progress"] = not values["quiet"]
             values.pop(NO_PLUGINS.name, None)
-            work(asked, **values)
+            work(arguments, **values)
 
         command.__name__ = work.__name__
         command.__doc__ = about(verb)

@@ -26,14 +26,14 @@ from desim_uav.notices import tell
     optional=("fork", "to"),
     also={"fork": counterfactual, "to": counterfactual},
 )
-def run(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def run(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print the measures, by service; or those of both branches of a fork."""
-    asked["out"] = asked["out"] or True
-    branches = {name: asked.pop(name) for name in ("fork", "to")}
+    arguments["out"] = arguments["out"] or True
+    branches = {name: arguments.pop(name) for name in ("fork", "to")}
     if branches != {"fork": None, "to": None}:
-        _run_forked(asked | branches, as_json, quiet)
+        _run_forked(arguments | branches, as_json, quiet)
         return
-    done, interrupted = ended(run_policy, asked)
+    done, interrupted = ended(run_policy, arguments)
     (summary,), (by_service,) = done.summaries(), done.groups("service")
     if as_json:
         print_json(summary)
@@ -46,16 +46,16 @@ def run(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
         end(f"{kept} (--resume goes on)")
 
 
-def _run_forked(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def _run_forked(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Run both branches, and print their measures."""
-    if asked.pop("resume"):
+    if arguments.pop("resume"):
         raise UsageError("--resume: a run with --fork cannot be continued")
     for option, lacks in (("fork", "to"), ("to", "fork")):
-        if asked[lacks] is None:
+        if arguments[lacks] is None:
             form = "run SCENARIO --fork EPISODE:STEP --to POLICY"
             raise UsageError(f"--{option} needs --{lacks}: {form}")
-    asked.pop("events")  # they are kept
-    done, _ = ended(counterfactual, asked)
+    arguments.pop("events")  # they are kept
+    done, _ = ended(counterfactual, arguments)
     if as_json:
         print_json(done.summary())
     elif not quiet:
@@ -65,10 +65,10 @@ def _run_forked(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
 
 @made(measures_of, AS_JSON, NO_PLUGINS)
-def qoe(asked: dict[str, Any], as_json: bool) -> None:
+def qoe(arguments: dict[str, Any], as_json: bool) -> None:
     """Print the measures, or those of each group."""
-    summary, groups = measures_of(**asked)
-    by = asked["by"]
+    summary, groups = measures_of(**arguments)
+    by = arguments["by"]
     if as_json:
         print_json(summary | ({} if groups is None else {"by": by, "groups": groups}))
         return
@@ -92,19 +92,19 @@ HOW_TO_RUN = (
     optional=("policies",),
     also={"folders": compare_runs},
 )
-def compare(asked: dict[str, Any], context: typer.Context, as_json: bool, quiet: bool) -> None:
+def compare(arguments: dict[str, Any], context: typer.Context, as_json: bool, quiet: bool) -> None:
     """Print the means, and the differences from a policy, of finished runs or of runs to come."""
     from desim_uav.experiment.compare import policy_names, the_scenario
 
-    what, interrupted = asked.pop("folders"), ""
-    if asked["policies"] is None:
+    what, interrupted = arguments.pop("folders"), ""
+    if arguments["policies"] is None:
         _refuse_how_to_run(context)
-        comparison = compare_runs(what, against=asked["against"], out=asked["out"])
+        comparison = compare_runs(what, against=arguments["against"], out=arguments["out"])
     else:
         scenario = the_scenario(what)
-        asked["policies"] = policy_names(asked["policies"])
+        arguments["policies"] = policy_names(arguments["policies"])
         comparison, interrupted = ended(
-            compare_policies, asked | {"scenario": scenario}, "no run has ended"
+            compare_policies, arguments | {"scenario": scenario}, "no run has ended"
         )
     if as_json:
         print_json(comparison.content())
@@ -126,16 +126,16 @@ def _refuse_how_to_run(context: typer.Context) -> None:
 
 
 @made(run_sweep, AS_JSON, QUIET, NO_PLUGINS)
-def sweep(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def sweep(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print a row for each combination, and which jobs have failed."""
-    done, interrupted = ended(run_sweep, asked, "what had ended is kept; --resume goes on")
+    done, interrupted = ended(run_sweep, arguments, "what had ended is kept; --resume goes on")
     if as_json:
         print_json(done.content())
     elif not quiet:
         from desim_uav.report.text import print_sweep
 
         print_sweep(done.headings(), done.lines())
-        tell(asked["out"] / "results")
+        tell(arguments["out"] / "results")
     if done.failures:
         complain(done.complaint())
     if interrupted:

@@ -180,9 +180,9 @@ class Session(Independent):
     def _show(self, snapshot: Snapshot, episode: int) -> None:
         """Begin the infos of an episode with a snapshot."""
         self._snapshot = snapshot
-        first, asked = snapshot.observations[0], snapshot.open_requests
+        first, requests = snapshot.observations[0], snapshot.open_requests
         facts = self.world.facts_of(0)
-        names = term_names(self.world) or self.scenario.reward.terms(first, asked, facts)
+        names = term_names(self.world) or self.scenario.reward.terms(first, requests, facts)
         self.terms = {name: f"reward_{name}" for name in names}
         self._blank: dict[str, Any] = dict.fromkeys(info_keys(tuple(names)), 0)
         self._blank |= zip(WHICH, self.which(episode), strict=True)

@@ -319,21 +319,21 @@ def read_summary(
     """
     tally, groups = run.Tally(), None if by is None else qoe.Groups(by)
     no_episodes = to_frame(EPISODES, [])
-    asked: Counter[int] = Counter()
+    requests_of: Counter[int] = Counter()
     for requests in read_parts(folder, "requests", REQUESTS):
         problem = qoe.inconsistency(requests)
         if problem:
             raise PolicyError(f"{folder / 'requests.parquet'}: {problem}")
-        asked.update(requests["episode"].tolist())
+        requests_of.update(requests["episode"].tolist())
         tally.add(requests, no_episodes)
         if groups is not None:
             groups.add(run.counted(requests))
     for episodes in read_parts(folder, "episodes", EPISODES):
         tally.add(to_frame(REQUESTS, []), episodes)
         for episode, requests in zip(episodes["episode"], episodes["requests"], strict=True):
-            if asked.pop(episode, 0) != requests:
+            if requests_of.pop(episode, 0) != requests:
                 raise _of_two_runs(folder, episode)
-    for episode in asked:
+    for episode in requests_of:
         raise _of_two_runs(folder, episode)
     manifest = read_manifest(folder)
     named = {key: manifest[key] for key in NAMED if key in manifest}

@@ -244,12 +244,12 @@ def _check_portable(policies: Mapping[str, PolicyLike]) -> None:
             ) from error
 
 
-def policy_names(asked: Sequence[str]) -> list[str]:
+def policy_names(texts: Sequence[str]) -> list[str]:
     """Return the policies of a command line's list, which was separated at its commas.
 
     Raises UsageError if a name is empty or given twice, and PolicyError if one cannot be loaded.
     """
-    text, names = ",".join(asked), [name.strip() for name in asked]
+    text, names = ",".join(texts), [name.strip() for name in texts]
     for name in names:
         if not name:
             raise UsageError(

@@ -126,8 +126,8 @@ def _misfit(requirement: Requirement) -> str | None:
 
 def _with_extra(package: str, extra: str) -> list[Requirement]:
     """Return the requirements of another package's extra."""
-    asked = [Requirement(text) for text in requires(package) or ()]
-    return [one for one in asked if one.marker and one.marker.evaluate({"extra": extra})]
+    requirements = [Requirement(text) for text in requires(package) or ()]
+    return [one for one in requirements if one.marker and one.marker.evaluate({"extra": extra})]
 
 
 def _broken(names: Iterator[str]) -> Iterator[Check]:
@@ -157,11 +157,11 @@ def _extras() -> Iterator[Check]:
 def _conflicts() -> Iterator[Check]:
     for name, words in CONFLICTS.items():
         try:
-            asked = [Requirement(text) for text in requires(name) or ()]
+            requirements = [Requirement(text) for text in requires(name) or ()]
             release = version("gymnasium")
         except PackageNotFoundError:
             continue
-        for one in asked:
+        for one in requirements:
             if one.name == "gymnasium" and not one.specifier.contains(release, prereleases=True):
                 message = words.format(wanted=one.specifier, found=release)
                 yield Check("note", f"{name} {version(name)}", message)
@@ -178,8 +178,8 @@ def _kernels() -> Iterator[Check]:
     from desim_uav.model.geometry.crossings import crossings
     from desim_uav.rowcode.kernels import NOWHERE, cache_folder, compiled_before
 
-    asked = os.environ.get("NUMBA_CACHE_DIR")
-    if asked and (problem := _unwritable(Path(asked))):
+    cache_dir = os.environ.get("NUMBA_CACHE_DIR")
+    if cache_dir and (problem := _unwritable(Path(cache_dir))):
         yield Check("problem", "NUMBA_CACHE_DIR", f"{problem}; it is not used")
     folder = cache_folder(crossings)
     if folder is None:

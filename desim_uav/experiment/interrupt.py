@@ -91,10 +91,10 @@ def asked_to_stop(what: str) -> Iterator[Stop]:
 @contextmanager
 def undisturbed() -> Iterator[None]:
     """Run a short block without interruption; a KeyboardInterrupt is raised after it."""
-    asked = []
-    with _handled(lambda number, frame: asked.append(number)):
+    signals = []
+    with _handled(lambda number, frame: signals.append(number)):
         yield
-    if asked:
+    if signals:
         raise KeyboardInterrupt
 
 

@@ -186,11 +186,11 @@ def draw(
 ) -> Figure:
     """Draw a figure. Options that are None are ignored. Raises as ``plot`` does."""
     entry = chosen(kind, len(sources), options)
-    asked = {key: value for key, value in options.items() if value is not None}
+    settings = {key: value for key, value in options.items() if value is not None}
     if entry.again:
-        asked["show_progress"] = show_progress
+        settings["show_progress"] = show_progress
     source = sources[0] if sources else None
-    return entry.draw(list(sources) if entry.several else source, **asked)
+    return entry.draw(list(sources) if entry.several else source, **settings)
 
 
 def chosen(kind: str, sources: int, options: Mapping[str, Any]) -> Kind:
@@ -234,8 +234,8 @@ def film(
     from desim_uav.report import video
     from desim_uav.report.playback import Playback
 
-    asked = [(gif, ".gif", video.write_gif), (mp4, ".mp4", video.write_mp4)]
-    outputs = [(out, end, write) for out, end, write in asked if out is not None]
+    films = [(gif, ".gif", video.write_gif), (mp4, ".mp4", video.write_mp4)]
+    outputs = [(out, end, write) for out, end, write in films if out is not None]
     if not outputs:
         raise UsageError("name the file to write: --gif FILE.gif or --mp4 FILE.mp4")
     for out, end, _ in outputs:

@@ -88,9 +88,9 @@ class LoneDrone:
     def __init__(self, world: World) -> None:
         self.world = world
         self._engine = Simulation(world, RunSettings((True,), carry_over=False))
-        asked = requests_of(Continuous(), len(world.homes), world.services, 0, [0], words.NEVER)
+        requests = requests_of(Continuous(), len(world.homes), world.services, 0, [0], words.NEVER)
         respawn = np.zeros((1, 1), np.int64)
-        path = SamplePath(0, world.walks(world.seed, 0), asked[0], None, respawn)
+        path = SamplePath(0, world.walks(world.seed, 0), requests[0], None, respawn)
         self._engine.reset(path)  # opens all requests
         self.constants: Any = self._engine.constants
         self.state: Any = self._engine.state

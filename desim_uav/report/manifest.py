@@ -45,9 +45,9 @@ def read_settings(folder: Path) -> Settings:
 
 def engine_of(manifest: Mapping[str, Any]) -> str | None:
     """Return which engine was asked for, and which has played how many episodes."""
-    asked, played = manifest.get("engine"), read_played_by(manifest)
+    engine, played = manifest.get("engine"), read_played_by(manifest)
     each = ", ".join(f"{name}: {count}" for name, count in played.items())
-    return f"{asked} ({each})" if asked == "auto" and each else asked
+    return f"{engine} ({each})" if engine == "auto" and each else engine
 
 
 def read_played_by(manifest: Mapping[str, Any]) -> dict[str, int]:

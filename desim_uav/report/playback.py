@@ -272,8 +272,8 @@ class Playback:
 
     def _users_m(self, t_us: int) -> Floats:
         keys, times, places, room = self._walks
-        asked = np.arange(len(self.run.world.homes)) * room + min(t_us, room - 1)
-        before = np.searchsorted(keys, asked, "right") - 1
+        keys_at = np.arange(len(self.run.world.homes)) * room + min(t_us, room - 1)
+        before = np.searchsorted(keys, keys_at, "right") - 1
         after = np.minimum(before + 1, len(keys) - 1)
         length = times[after] - times[before]
         moves = length > 0  # otherwise it is a user's last way point

@@ -171,19 +171,19 @@ class Run:
             raise PolicyError(f"{self.folder}: the run has no counted episode")
         return numbers
 
-    def episode(self, asked: int | None) -> int:
+    def episode(self, episode: int | None) -> int:
         """Return the requested episode, by default the first counted one.
 
         Raises UsageError if the run has no such episode.
         """
         there = self.episodes
-        if asked is None:
+        if episode is None:
             return next((number for number in there if number >= 0), there[0])
-        if asked not in there:
+        if episode not in there:
             raise UsageError(
-                f"--episode {asked}: {self.folder} has the episodes {there[0]} to {there[-1]}"
+                f"--episode {episode}: {self.folder} has the episodes {there[0]} to {there[-1]}"
             )
-        return asked
+        return episode
 
     def chosen(self, text: str | None) -> list[int]:
         """Return the episodes of a text such as ``0-9,12``, by default the counted ones.

@@ -56,8 +56,8 @@ def _checked(name: str, index_of: Any) -> Any:
     def call(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         line, *kinds = sig.args
         bare = Line(line.of, None)
-        asked = signature(types.UniTuple(I64, 2), bare, *kinds)
-        numbers = context.compile_internal(builder, index_of, asked, arguments)
+        form = signature(types.UniTuple(I64, 2), bare, *kinds)
+        numbers = context.compile_internal(builder, index_of, form, arguments)
         index, count = cgutils.unpack_tuple(builder, numbers, 2)
         with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", index, count)):
             fail_outside(context, builder, line.owner, line.called, place_lowered(), (index, count))

@@ -113,9 +113,9 @@ class MultiService(RowReward):
             terms[0] = service * self.users * fair_share(world, state, observation, self.capped)
             first = 2 * services * drone.index + (0 if self.served_only else services)
             for k in range(services):
-                counted, asked = state.counts[first + k], state.asked[k]
-                if counted and asked:
-                    terms[1 + k] = service * self.services[k] * (counted / asked)  # type: ignore[index]
+                counted, requests = state.counts[first + k], state.asked[k]
+                if counted and requests:
+                    terms[1 + k] = service * self.services[k] * (counted / requests)  # type: ignore[index]
             signed = self.cost_sign * cost
             terms[services + 1] = signed * way_home if cost else signed * 0.0
             terms[services + 2] = signed * 0.0

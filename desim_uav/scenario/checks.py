@@ -302,12 +302,12 @@ def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
                 charged(drones.battery),
                 ((*key, "battery"),),
             )
-    asked = getattr(scenario.demand, "problems", None)
-    if asked:
+    problems_of = getattr(scenario.demand, "problems", None)
+    if problems_of:
         yield from _own_problems(
             ("demand",),
             scenario.demand,
-            asked(scenario.users.count, list(scenario.services)),
+            problems_of(scenario.users.count, list(scenario.services)),
             (*_USER_COUNT, ("services",)),
         )
 

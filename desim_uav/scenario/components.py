@@ -506,8 +506,8 @@ def _methods(protocol: type) -> list[str]:
 
 def _attributes(protocol: Any) -> list[str]:
     """Return the attributes that a Protocol, or each of a union of them, asks for."""
-    asked = [inspect.get_annotations(one) for one in _alternatives(protocol)]
-    return [name for name in asked[0] if all(name in other for other in asked)]
+    annotations = [inspect.get_annotations(one) for one in _alternatives(protocol)]
+    return [name for name in annotations[0] if all(name in other for other in annotations)]
 
 
 def _error(message: str) -> PydanticCustomError:

@@ -140,17 +140,17 @@ def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about requests for more than the bandwidth of any drone."""
     most_bps = scenario.most_bps or math.inf
     demand: Any = scenario.demand
-    asked: Mapping[str, float] = {
+    bps_of: Mapping[str, float] = {
         name: largest_bps(service) for name, service in scenario.services.items()
     }
     mix = getattr(demand, "mix", None)
     key = "services.{}"
     if isinstance(demand, RequestTrace):
-        asked = {name: 1000.0 * kbps for name, kbps in demand.largest_kbps().items()}
+        bps_of = {name: 1000.0 * kbps for name, kbps in demand.largest_kbps().items()}
         key = f"demand: {demand.file}: {{}}"
     elif isinstance(mix, Mapping):
-        asked = {name: bps for name, bps in asked.items() if mix.get(name, 0.0) > 0.0}
-    for name, bps in asked.items():
+        bps_of = {name: bps for name, bps in bps_of.items() if mix.get(name, 0.0) > 0.0}
+    for name, bps in bps_of.items():
         if bps > most_bps:
             yield (
                 f"{key.format(name)}: requests for {bps / 1000:g} kbit/s are never served, because "

@@ -99,9 +99,9 @@ def _pay(world: World) -> Callable[..., None]:
         return pay
 
     def pay_by_observation(constants: Any, state: Any) -> None:
-        asked = tuple(state.asked)
+        requests = tuple(state.asked)
         state.named_terms = [
-            reward.terms(observation, asked, world.facts_of(observation.drone))
+            reward.terms(observation, requests, world.facts_of(observation.drone))
             for observation in state.observed()
         ]
         if state.share != 1.0:

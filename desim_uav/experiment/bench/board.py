@@ -225,8 +225,8 @@ def _cell(interval: Interval | None, digits: int) -> str:
     return f"{value} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
 
 
-def _of(count: int | None, asked: int) -> str:
-    return "-" if count is None else f"{count} of {asked}" if count < asked else str(count)
+def _of(count: int | None, total: int) -> str:
+    return "-" if count is None else f"{count} of {total}" if count < total else str(count)
 
 
 def _number(value: float | None, digits: int) -> str:

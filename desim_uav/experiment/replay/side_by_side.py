@@ -13,15 +13,15 @@ MOST_NAMED = 3
 """The largest number of keys that the message names."""
 
 
-def common_episodes(first: Run, second: Run, asked: str | None) -> list[int]:
+def common_episodes(first: Run, second: Run, text: str | None) -> list[int]:
     """Return the episodes that two runs on common seeds are shown for.
 
-    ``asked`` is a text such as ``0-9``; by default all counted episodes. Raises PolicyError, with
+    ``text`` is a text such as ``0-9``; by default all counted episodes. Raises PolicyError, with
     the values of both, if the runs differ in scenario, seed, world or episodes.
     """
     for what, one, other in _differences(first, second):
         raise _unlike(first, second, f"{what}: {one} and {other}")
-    numbers, others = first.chosen(asked), second.chosen(asked)
+    numbers, others = first.chosen(text), second.chosen(text)
     if numbers != others:
         raise _unlike(
             first,

@@ -83,12 +83,12 @@ class Failure(NamedTuple):
         return row | {"seed": self.job.seed, "reason": self.reason}
 
 
-def jobs(asked: Asked, tried: Sequence[Arm]) -> list[Job]:
+def jobs(plan: Asked, tried: Sequence[Arm]) -> list[Job]:
     """Return the jobs of every arm on every seed. Raises UsageError if there are too many."""
-    count = len(tried) * len(asked.seeds)
+    count = len(tried) * len(plan.seeds)
     if count > MOST:
         raise UsageError(f"{count} jobs are too many; at most {MOST} are allowed")
-    return [Job(arm, seed, asked.episodes, asked.warmup) for seed in asked.seeds for arm in tried]
+    return [Job(arm, seed, plan.episodes, plan.warmup) for seed in plan.seeds for arm in tried]
 
 
 def measured(todo: Sequence[Job]) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ Backend = Callable[..., Generator[tuple[int, JobOutcome]]]
 
 
 def sweep_to_folder(
-    asked: Asked,
+    plan: Asked,
     out: Path,
     *,
     resume: bool,
@@ -45,20 +45,20 @@ def sweep_to_folder(
     before the first job.
     """
     _check_backend(backend, address)
-    swept = axes(asked.values)
-    tried = arms(asked, swept, say)
+    swept = axes(plan.values)
+    tried = arms(plan, swept, say)
     if len(tried) == 1:
         say(
             "no key has several values, so nothing is swept: one policy is run in one scenario "
             "(-S KEY=V,W gives a key several values)"
         )
-    todo = jobs(asked, tried)
-    for warning in warnings(tried, asked.seeds):
+    todo = jobs(plan, tried)
+    for warning in warnings(tried, plan.seeds):
         say(warning)
     folder = SweepFolder(out, swept, measured(todo))
     failures, interrupted = list[Failure](), False
     with _backend(backend, workers, address, not show_progress) as run, folder.held():
-        begun = folder.open(asked.given, todo, resume, list(command))
+        begun = folder.open(plan.given, todo, resume, list(command))
         finished = folder.rows(todo)
         if resume and not begun:
             say(f"--resume: {out} holds no sweep, so there is nothing to resume: it begins anew")

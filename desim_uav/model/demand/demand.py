@@ -319,9 +319,9 @@ def _counted(demand: Demand, requests: Requests, services: Catalogue) -> Request
     """
     lacking = DRAWN + services.draws - requests.rows.shape[1]
     rows = np.pad(requests.rows, ((0, 0), (0, max(lacking, 0))))
-    asked = np.clip(rows[:, SERVICE], 0, len(services.names) - 1)
+    service = np.clip(rows[:, SERVICE], 0, len(services.names) - 1)
     limits = {DUE_US: (0, MOST_REQUIRED)} | {
-        DRAWN + k: (services.least[asked, k], services.most[asked, k])
+        DRAWN + k: (services.least[service, k], services.most[service, k])
         for k in range(services.draws)
     }
     for column, (least, most) in limits.items():

@@ -128,8 +128,8 @@ class BoundedRun:
         As no policy serves more than everything, it is at most 1.
         """
         requests = [path.requests for path in self.paths]
-        asked = asked_in(requests, self.world.scenario.episode.steps, self.world.step_us)
-        if not len(asked.required):
+        chains = asked_in(requests, self.world.scenario.episode.steps, self.world.step_us)
+        if not len(chains.required):
             return None
         prices, done = np.full((self.steps, len(self.world.homes)), SERVED_PRICE), 0
 
@@ -139,10 +139,10 @@ class BoundedRun:
             self.on_work()
             return done < self.rounds and (done < TRIED or lowest < 1.0)
 
-        bound = lowest_bound(Served(asked), self.fleet, prices, go_on)
+        bound = lowest_bound(Served(chains), self.fleet, prices, go_on)
         # Each request may be served for a little longer in each step of its episode.
         longer = self.slack * self.world.scenario.episode.steps
-        return min(1.0, bound + longer / float(asked.required.min()))
+        return min(1.0, bound + longer / float(chains.required.min()))
 
     def _qoe1_percent(self) -> float | None:
         share = self.qoe1()

@@ -165,6 +165,6 @@ def _asking_anew(rows: Rows, requests: Requests, horizon_us: int) -> Rows:
                 due.append((ask_slot(state, user.index), t_us, key(Phase.REQUEST, -1, user.index)))
     if not requests.after_previous:
         requests.rows[:, DUE_US] += state.now_us
-    asked = [user._replace(next_ask=int(requests.offsets[user.index])) for user in state.users]
+    asking = [user._replace(next_ask=int(requests.offsets[user.index])) for user in state.users]
     due.sort(key=lambda event: (event[1], event[2]))
-    return Rows(state._replace(users=tuple(asked)), rows.routes, tuple(due))
+    return Rows(state._replace(users=tuple(asking)), rows.routes, tuple(due))

@@ -126,21 +126,21 @@ class Reading:
         if here != table.about["actions"] or sizes != self.world.grid.cells:
             raise PolicyError(f"{name}: its states and actions are not those of its scenario")
 
-    def battery_min(self, asked: int | None) -> int | None:
+    def battery_min(self, minutes: int | None) -> int | None:
         """Return the minutes left, by default half of them; None without a battery."""
-        return self._of("battery_min", "--battery-min", asked, lambda size: (size - 1) // 2)
+        return self._of("battery_min", "--battery-min", minutes, lambda size: (size - 1) // 2)
 
-    def level(self, asked: int | None) -> int | None:
+    def level(self, number: int | None) -> int | None:
         """Return the level, by default the lowest; None on a flat map."""
-        return self._of("level", "--level", asked, lambda size: 0)
+        return self._of("level", "--level", number, lambda size: 0)
 
-    def _of(self, feature: str, option: str, asked: int | None, usual: Any) -> int | None:
+    def _of(self, feature: str, option: str, value: int | None, usual: Any) -> int | None:
         size = self.sizes.get(feature)
-        if size is None and asked is not None:
-            raise UsageError(f"{option} {asked}: {self.name} has no {feature} in its states")
-        if size is not None and asked is not None and not 0 <= asked < size:
-            raise UsageError(f"{option} {asked}: {self.name} has 0 to {size - 1}")
-        return None if size is None else usual(size) if asked is None else asked
+        if size is None and value is not None:
+            raise UsageError(f"{option} {value}: {self.name} has no {feature} in its states")
+        if size is not None and value is not None and not 0 <= value < size:
+            raise UsageError(f"{option} {value}: {self.name} has 0 to {size - 1}")
+        return None if size is None else usual(size) if value is None else value
 
     @cached_property
     def _beginning(self) -> NDArray[np.float32]:
