@@ -89,16 +89,16 @@ def compare(
         )
     source = opened(scenario, overrides, world_seed=world_seed)
     named = comparing.policies_by_name(policies)
-    drawn = seeds_of(seeds, first_seed)
-    for warning in comparing.out_of_place(source.scenario, named, drawn):
+    all_seeds = seeds_of(seeds, first_seed)
+    for warning in comparing.out_of_place(source.scenario, named, all_seeds):
         warn(warning)
     with source.located():
-        comparing.try_on(source.scenario, named, drawn, engine)
-    with shown(progress, len(named) * len(drawn), "runs", engine) as advance, source.located():
+        comparing.try_on(source.scenario, named, all_seeds, engine)
+    with shown(progress, len(named) * len(all_seeds), "runs", engine) as advance, source.located():
         comparison = comparing.compare_policies(
             source.scenario,
             named,
-            drawn,
+            all_seeds,
             episodes,
             warmup,
             against=against,

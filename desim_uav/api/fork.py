@@ -84,11 +84,11 @@ def counterfactual(
     if out is None or out is False:
         tables = Tables(), Tables()
         with shown(progress, total, engine=engine) as advance:
-            done = forking.record_branches(branches, (tables[0].write, tables[1].write), advance)
-        kept = [InMemory(each, own) for each, own in zip(done[:2], tables, strict=True)]
-        return Counterfactual(RunResult(kept[:1]), RunResult(kept[1:]), done.about, None)
+            forked = forking.record_branches(branches, (tables[0].write, tables[1].write), advance)
+        runs = [InMemory(each, own) for each, own in zip(forked[:2], tables, strict=True)]
+        return Counterfactual(RunResult(runs[:1]), RunResult(runs[1:]), forked.about, None)
     place = forking.place_of_fork(prepared, name, at, None if out is True else Path(out))
     with shown(progress, total, engine=engine) as advance:
-        folder, done = forking.write_branches(branches, place, advance)
+        folder, forked = forking.write_branches(branches, place, advance)
     results = [RunResult([InFolder(folder / branch)]) for branch in forking.BRANCHES]
-    return Counterfactual(results[0], results[1], done.about, folder)
+    return Counterfactual(results[0], results[1], forked.about, folder)

@@ -93,13 +93,13 @@ def plot(
         target = figures.Target(figure_place(kind, results))
     elif out is not None and out is not False:
         target = figures.Target(Path(out), "--out")
-    drawn: list[Any] = []
+    objects: list[Any] = []
     others: list[Any] = []
     for one in results:
-        (drawn if isinstance(one, Comparison | Scenario | World) else others).append(one)
+        (objects if isinstance(one, Comparison | Scenario | World) else others).append(one)
     with in_folders("runs", others) as sources:
         several = figures.KINDS[kind].several
-        drawables = [*map(_drawable, drawn), *(sources if several else sources[:1])]
+        drawables = [*map(_drawable, objects), *(sources if several else sources[:1])]
         figure = figures.draw(kind, drawables, options, progress)
     if target is not None:
         target.write(figure)

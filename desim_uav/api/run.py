@@ -99,28 +99,28 @@ def run(
     if seeds is not None and seed is not None:
         raise UsageError("seed and seeds exclude each other")
     source = arguments.opened(scenario, overrides, seed, world_seed)
-    drawn = [source.scenario.seed] if seeds is None else arguments.seeds_of(seeds, first_seed)
-    scenarios = [source.scenario.model_copy(update={"seed": one}) for one in drawn]
+    all_seeds = [source.scenario.seed] if seeds is None else arguments.seeds_of(seeds, first_seed)
+    scenarios = [source.scenario.model_copy(update={"seed": one}) for one in all_seeds]
     with source.located():
         first = command.prepare(scenarios[0], policy, engine, events)
     places = [place_of(one, policy, out, seeds is not None, resume) for one in scenarios]
     for notice in filter(None, [first.notice or apart(first, scenarios)]):
         arguments.warn(notice)
     how = command.How(episodes, warmup, events, engine, arguments.command_of(run, parameters))
-    kept: list[Kept] = []
-    with shown(progress, (warmup + episodes) * len(drawn), engine=engine) as advance:
+    runs: list[Kept] = []
+    with shown(progress, (warmup + episodes) * len(all_seeds), engine=engine) as advance:
         for one, place in zip(scenarios, places, strict=True):
             try:
                 with source.located():
-                    prepared = command.prepare(one, policy, engine, events) if kept else first
-                    kept.append(run_one(prepared, how, place, advance))
+                    prepared = command.prepare(one, policy, engine, events) if runs else first
+                    runs.append(run_one(prepared, how, place, advance))
             except KeyboardInterrupt:
-                if not kept:
+                if not runs:
                     raise
-                raise interrupted(kept, len(drawn)) from None
-            if kept[-1].manifest["interrupted"]:
-                raise interrupted(kept, len(drawn))
-    return RunResult(kept, seeds is not None)
+                raise interrupted(runs, len(all_seeds)) from None
+            if runs[-1].manifest["interrupted"]:
+                raise interrupted(runs, len(all_seeds))
+    return RunResult(runs, seeds is not None)
 
 
 @verb

@@ -37,11 +37,11 @@ def run_one(
         begun = resuming.begun(prepared, how, place)
         if begun.done == how.episodes:
             return InFolder(place)
-        done = command.write_run(prepared, how, Replaced(place), advance, begun)
-        return InFolder(Path(done.summary["run_dir"]), done)
+        outcome = command.write_run(prepared, how, Replaced(place), advance, begun)
+        return InFolder(Path(outcome.summary["run_dir"]), outcome)
     if place is not None:
-        done = command.write_run(prepared, how, place, advance)
-        return InFolder(Path(done.summary["run_dir"]), done)
+        outcome = command.write_run(prepared, how, place, advance)
+        return InFolder(Path(outcome.summary["run_dir"]), outcome)
     tables = Tables()
     return InMemory(command.record(prepared, how, tables.write, advance), tables)
 
@@ -72,11 +72,11 @@ def place_of(
     return command.place_of(scenario, policy, folder)
 
 
-def interrupted(kept: Sequence[Kept], seeds: int) -> Interrupted:
+def interrupted(runs: Sequence[Kept], seeds: int) -> Interrupted:
     """Return the error that Ctrl-C raises, with the runs of the seeds that had ended."""
-    result = RunResult(kept, several=seeds > 1)
+    result = RunResult(runs, several=seeds > 1)
     return Interrupted(
-        f"interrupted in seed {kept[-1].manifest['seed']} ({len(kept)} of {seeds}); the episodes "
+        f"interrupted in seed {runs[-1].manifest['seed']} ({len(runs)} of {seeds}); the episodes "
         "that had ended are in the result of this error",
         result,
     )

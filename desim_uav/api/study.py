@@ -118,7 +118,7 @@ def sweep(
         warmup,
         engine,
     )
-    done = sweep_to_folder(
+    outcome = sweep_to_folder(
         plan,
         Path(out),
         resume=resume,
@@ -129,9 +129,9 @@ def sweep(
         show_progress=progress,
         say=arguments.warn,
     )
-    if done.interrupted:
-        raise Interrupted("interrupted; the jobs that had ended are kept", done)
-    return done
+    if outcome.interrupted:
+        raise Interrupted("interrupted; the jobs that had ended are kept", outcome)
+    return outcome
 
 
 def _named(policy: object) -> str:
@@ -184,8 +184,8 @@ def reproduce(
     from desim_uav.experiment import reproduce as paper
     from desim_uav.experiment.progress import progress as shown
 
-    drawn = range(first_seed, first_seed + seeds)
-    todo = paper.jobs(paper.numbers(cases), drawn, episodes, PRESETS[preset])
+    all_seeds = range(first_seed, first_seed + seeds)
+    todo = paper.jobs(paper.numbers(cases), all_seeds, episodes, PRESETS[preset])
     with shown(progress, len(todo), "jobs", engine) as advance:
         rows = paper.run_jobs(todo, Path(out), jobs, advance, engine)
     return paper.report(rows, Path(out), " ".join(arguments.command_of(reproduce, parameters)))
@@ -275,7 +275,7 @@ def find_bounds(
     from desim_uav.experiment.interrupt import at_once
     from desim_uav.experiment.progress import progress as shown
 
-    drawn = arguments.seeds_of(seeds, first_seed)
+    all_seeds = arguments.seeds_of(seeds, first_seed)
     source = arguments.opened(scenario, overrides)
-    with source.located(), shown(progress, work_of(len(drawn), episodes), ROUNDS_OF) as advance:
-        return Bounds(at_once(bounds, source.scenario, drawn, episodes, schedule, advance))
+    with source.located(), shown(progress, work_of(len(all_seeds), episodes), ROUNDS_OF) as advance:
+        return Bounds(at_once(bounds, source.scenario, all_seeds, episodes, schedule, advance))

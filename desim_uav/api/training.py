@@ -95,8 +95,8 @@ class TrainingProgress:
         """
         training = self._course.training
         scenario = training.world.scenario.model_copy(update={"world_seed": training.world.seed})
-        drawn = training.seed if seed is None else seed
-        return evaluate(scenario, self.policy, drawn, episodes, warmup, self._engine)
+        number = training.seed if seed is None else seed
+        return evaluate(scenario, self.policy, number, episodes, warmup, self._engine)
 
 
 Callback = Callable[[TrainingProgress], bool | None]

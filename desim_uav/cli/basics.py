@@ -62,13 +62,13 @@ def gallery(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     from desim_uav.experiment import gallery as work
     from desim_uav.report.gallery import print_gallery
 
-    compared, drawn = files.gallery(**arguments)
+    compared, pictures = files.gallery(**arguments)
     if as_json:
         print_json({**work.count(compared), "papers": [one.content() for one in compared]})
     else:
         print_gallery(work.COLUMNS, work.tables(compared))
     if arguments["figure"] is not None:
-        for file in drawn:
+        for file in pictures:
             complain(str(file))
         for name in work.without_figure(compared):
             complain(f"{name} has no figure")

@@ -45,14 +45,14 @@ def list_tasks(arguments: dict[str, Any], as_json: bool) -> None:
 @made(bench_run, AS_JSON, NO_PROGRESS, NO_PLUGINS)
 def run(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print how the policy did, and the folder of the submission."""
-    done, interrupted = ended(bench_run, arguments, "no seed has ended")
+    submission, interrupted = ended(bench_run, arguments, "no seed has ended")
     if as_json:
-        print_json(done.content())
+        print_json(submission.content())
     else:
         from desim_uav.report.text import print_bench
 
-        print_bench(done.content())
-        tell(done.folder)
+        print_bench(submission.content())
+        tell(submission.folder)
     end(interrupted)
 
 

@@ -21,8 +21,8 @@ def train(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print the means over the last episodes."""
     arguments["out"] = arguments["out"] or True
     resumable = "the last checkpoint is kept: --resume goes on from it"
-    done, interrupted = ended(run_train, arguments, resumable)
-    summary = done.summary()
+    result, interrupted = ended(run_train, arguments, resumable)
+    summary = result.summary()
     if as_json:
         print_json(summary)
     elif not quiet:

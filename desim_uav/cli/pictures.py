@@ -18,21 +18,21 @@ from desim_uav.notices import tell
 )
 def replay(arguments: dict[str, Any], open_it: bool, as_json: bool, quiet: bool) -> None:
     """Print the page's file, and say which episodes there was no room for."""
-    done = pictures.write_replay(**arguments)
-    assert done.file is not None
-    if done.left_out:
+    page = pictures.write_replay(**arguments)
+    assert page.file is not None
+    if page.left_out:
         complain(
-            f"{done.file}: it holds episodes {done.episodes[0]} to {done.episodes[-1]}; with the "
-            f"{len(done.left_out)} others it would pass 25 MiB: choose some with --episodes"
+            f"{page.file}: it holds episodes {page.episodes[0]} to {page.episodes[-1]}; with the "
+            f"{len(page.left_out)} others it would pass 25 MiB: choose some with --episodes"
         )
     if as_json:
-        print_json(done.summary())
+        print_json(page.summary())
     else:
-        tell(done.file)
+        tell(page.file)
     if open_it:
         import webbrowser
 
-        webbrowser.open(done.file.resolve().as_uri())
+        webbrowser.open(page.file.resolve().as_uri())
 
 
 @made(pictures.write_report, NO_PLUGINS)

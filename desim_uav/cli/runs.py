@@ -33,8 +33,8 @@ def run(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     if branches != {"fork": None, "to": None}:
         _run_forked(arguments | branches, as_json, quiet)
         return
-    done, interrupted = ended(run_policy, arguments)
-    (summary,), (by_service,) = done.summaries(), done.groups("service")
+    result, interrupted = ended(run_policy, arguments)
+    (summary,), (by_service,) = result.summaries(), result.groups("service")
     if as_json:
         print_json(summary)
     elif not quiet:
@@ -42,8 +42,8 @@ def run(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
         print_run(summary, by_service)
     if interrupted:
-        kept = f"interrupted; the finished episodes are kept: {summary['run_dir']}"
-        end(f"{kept} (--resume goes on)")
+        message = f"interrupted; the finished episodes are kept: {summary['run_dir']}"
+        end(f"{message} (--resume goes on)")
 
 
 def _run_forked(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
@@ -55,13 +55,13 @@ def _run_forked(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
             form = "run SCENARIO --fork EPISODE:STEP --to POLICY"
             raise UsageError(f"--{option} needs --{lacks}: {form}")
     arguments.pop("events")  # they are kept
-    done, _ = ended(counterfactual, arguments)
+    branches, _ = ended(counterfactual, arguments)
     if as_json:
-        print_json(done.summary())
+        print_json(branches.summary())
     elif not quiet:
         from desim_uav.report.text import print_fork
 
-        print_fork(done.summary())
+        print_fork(branches.summary())
 
 
 @made(measures_of, AS_JSON, NO_PLUGINS)
@@ -128,17 +128,19 @@ def _refuse_how_to_run(context: typer.Context) -> None:
 @made(run_sweep, AS_JSON, QUIET, NO_PLUGINS)
 def sweep(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print a row for each combination, and which jobs have failed."""
-    done, interrupted = ended(run_sweep, arguments, "what had ended is kept; --resume goes on")
+    result, interrupted = ended(run_sweep, arguments, "what had ended is kept; --resume goes on")
     if as_json:
-        print_json(done.content())
+        print_json(result.content())
     elif not quiet:
         from desim_uav.report.text import print_sweep
 
-        print_sweep(done.headings(), done.lines())
+        print_sweep(result.headings(), result.lines())
         tell(arguments["out"] / "results")
-    if done.failures:
-        complain(done.complaint())
+    if result.failures:
+        complain(result.complaint())
     if interrupted:
-        end(f"interrupted; {len(done.rows)} of {len(done.jobs)} jobs are kept; --resume goes on")
-    if done.failures:
+        end(
+            f"interrupted; {len(result.rows)} of {len(result.jobs)} jobs are kept; --resume goes on"
+        )
+    if result.failures:
         raise typer.Exit(1)

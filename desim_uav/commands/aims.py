@@ -192,16 +192,16 @@ class FreeCommands(AlikeCommands):
         drones = self.scenario.drone_count
         return np.array(aims, float).reshape(-1, drones, AIMS)[:, :, self._columns]
 
-    def played(self, indices: list[list[int]], kept: Kept) -> list[list[Command]]:
+    def played(self, indices: list[list[int]], numbers: Kept) -> list[list[Command]]:
         """Return numbers in the place of the indices of free flights."""
-        if kept is None:
+        if numbers is None:
             raise CommandError("the numbers of commands of free flight are missing")
-        if kept.shape[2] != len(self.names):
-            raise CommandError(f"numbers of the shape {kept.shape} do not fit")
+        if numbers.shape[2] != len(self.names):
+            raise CommandError(f"numbers of the shape {numbers.shape} do not fit")
         fly = self.actions.index(Action.FLY)
         return [
             [own if index == fly else index for index, own in zip(step, values, strict=True)]
-            for step, values in zip(indices, kept.tolist(), strict=True)
+            for step, values in zip(indices, numbers.tolist(), strict=True)
         ]
 
 

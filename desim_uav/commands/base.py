@@ -68,8 +68,8 @@ class Commands(Protocol):
     def kept(self, aims: Sequence[float]) -> Kept:
         """Return what a saved state has of the AIMS numbers of all commands."""
 
-    def played(self, indices: list[list[int]], kept: Kept) -> list[list[Command]]:
-        """Return the commands of each step, from their indices and what was ``kept``.
+    def played(self, indices: list[list[int]], numbers: Kept) -> list[list[Command]]:
+        """Return the commands of each step, from their indices and the ``numbers`` of a state.
 
         Raises CommandError if that does not fit.
         """

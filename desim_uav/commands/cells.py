@@ -153,8 +153,8 @@ class CellCommands(AlikeCommands):
         """Return None."""
         return None
 
-    def played(self, indices: list[list[int]], kept: Kept) -> list[list[Command]]:
+    def played(self, indices: list[list[int]], numbers: Kept) -> list[list[Command]]:
         """Return the indices."""
-        if kept is not None:
-            raise CommandError(f"numbers of the shape {kept.shape} do not fit")
+        if numbers is not None:
+            raise CommandError(f"numbers of the shape {numbers.shape} do not fit")
         return [[*step] for step in indices]

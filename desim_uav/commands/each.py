@@ -79,10 +79,10 @@ class EachCommands(Unchanging):
         """Return the numbers, which are 0 for drones that have none."""
         return self.free.kept(aims)
 
-    def played(self, indices: list[list[int]], kept: Kept) -> list[list[Command]]:
+    def played(self, indices: list[list[int]], numbers: Kept) -> list[list[Command]]:
         """Return numbers in the place of the indices of free flights of those that have them."""
         flies = [own is self.free for own in self._of]
         return [
             [one if free else index for free, index, one in zip(flies, step, own, strict=True)]
-            for step, own in zip(indices, self.free.played(indices, kept), strict=True)
+            for step, own in zip(indices, self.free.played(indices, numbers), strict=True)
         ]

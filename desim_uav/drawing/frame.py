@@ -203,8 +203,8 @@ class Painter:
         draw.text((LEFT, 64), _clock(now_s), INK, font(26))
         draw.text((RIGHT, 74), f"of {_clock(end_s)}", GREY, font(14), anchor="ra")
         draw.rectangle((LEFT, 101, RIGHT, 104), fill=PALE)
-        done = LEFT + (RIGHT - LEFT) * snapshot.t_us / self.world.horizon_us
-        draw.rectangle((LEFT, 101, done, 104), fill=INK)
+        right = LEFT + (RIGHT - LEFT) * snapshot.t_us / self.world.horizon_us
+        draw.rectangle((LEFT, 101, right, 104), fill=INK)
 
     def _write_measures(self, draw: ImageDraw.ImageDraw, scene: FrameScene) -> None:
         """Write the quality of experience so far."""

@@ -173,13 +173,13 @@ def _geometry(simulation: Simulation) -> None:
     """Check coverage against distances, and that attached users are covered by their drones."""
     world, state = simulation.constants, simulation.state
     users = all_walked(*simulation.drawn.walks, state.now_us)
-    held = [0] * len(state.senders)
+    users_of = [0] * len(state.senders)
     for user in state.users:
         if user.holder >= 0:
-            held[user.holder] += 1
+            users_of[user.holder] += 1
             assert user.covering[user.holder] >= 0, f"user {user.index} attached but not covered"
     for drone in state.senders:
-        assert held[drone.index] == drone.attached_users
+        assert users_of[drone.index] == drone.attached_users
         covered = np.array([user.covering[drone.index] >= 0 for user in state.users])
         classes = np.array([user.classes[drone.index] for user in state.users])
         assert (covered == (classes > 0)).all(), f"classes and coverage of {drone.index}"

@@ -33,12 +33,12 @@ SLOWER = "the SimPy engine (des) is used, which is slower: "
 def make_engine(name: str, world: World, settings: RunSettings) -> Engine:
     """Return a new engine of this name. Raises the errors of ``check_engine``."""
     check_engine(name, world, settings.keep_events)
-    chosen = name if name != "auto" else first_of(world, settings.keep_events)
-    if chosen == "auto":
+    kind = name if name != "auto" else first_of(world, settings.keep_events)
+    if kind == "auto":
         engine = on_disk([world], settings)
         if engine is not None:
             return engine
-    if chosen == "batch":
+    if kind == "batch":
         from desim_uav.engine.compiled import BatchSimulation
 
         return BatchSimulation(world, settings)

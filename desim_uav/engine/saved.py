@@ -235,11 +235,11 @@ def write(one: Row | View, cls: Any, values: Sequence[Any]) -> None:
 
 def _write_entries(one: Any, name: str, kind: Any, values: Sequence[Any]) -> None:
     """Write the entries of a table or a queue."""
-    held, of = getattr(one, name), held_by(kind)
+    entries, of = getattr(one, name), held_by(kind)
     if origin_of(kind) is Table and is_row(of):
-        for each, value in zip(held, values, strict=True):
+        for each, value in zip(entries, values, strict=True):
             write(each, of, value)
-    elif origin_of(kind) is Table or isinstance(held, Queue):
-        held[:] = values
+    elif origin_of(kind) is Table or isinstance(entries, Queue):
+        entries[:] = values
     else:
         setattr(one, name, values)

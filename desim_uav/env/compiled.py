@@ -92,13 +92,13 @@ class CompiledSession(Session):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except addresses and outputs, which a copy makes again."""
-        kept = super().__getstate__()
-        del kept["_row"]
-        return kept
+        state = super().__getstate__()
+        del state["_row"]
+        return state
 
-    def __setstate__(self, kept: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the attributes, with outputs of this object's own."""
-        vars(self).update(kept)
+        vars(self).update(state)
         self.write_to(Outputs.of(self, 1), 0)
 
     @classmethod

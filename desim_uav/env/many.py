@@ -107,9 +107,9 @@ class Many(VectorSaving, Independent):
         own = ("outputs", "_which", "_shares", "_pool", "guard")
         return {key: part for key, part in vars(self).items() if key not in own}
 
-    def __setstate__(self, kept: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the attributes, with arrays and threads of this object's own."""
-        vars(self).update(kept)
+        vars(self).update(state)
         self._set_up()
 
     def stop_threads(self) -> None:

@@ -61,8 +61,8 @@ class UavParallelVectorEnv(Many):
         The parameters and errors are those of ``UavVectorEnv``. ``copy``: whether the arrays of a
         reset or step are new ones.
         """
-        chosen = tasks_of(scenario, config, world_seed, curriculum)
-        self.make_sessions(chosen, num_envs, autoreset_mode, threads, render_mode)
+        tasks = tasks_of(scenario, config, world_seed, curriculum)
+        self.make_sessions(tasks, num_envs, autoreset_mode, threads, render_mode)
         self.copy = copy
 
     def _set_spaces(self) -> None:

@@ -126,10 +126,10 @@ def _resume_file(session: Session, path: Path) -> None:
 
     A copy of the session plays them, so that nothing has changed if they do not lead there.
     """
-    kept, twin = state_file.read(path), deepcopy(session)
-    stage = _stage_of_hash(session, kept.scenario_hash, f"{path}: ")
-    _enter(twin, stage, (kept.seed, kept.episode, kept.world_seed), None, f"{path}: ")
-    resume(session, EnvState(kept.played(twin.engine, path), kept.seed, kept.steps))
+    content, twin = state_file.read(path), deepcopy(session)
+    stage = _stage_of_hash(session, content.scenario_hash, f"{path}: ")
+    _enter(twin, stage, (content.seed, content.episode, content.world_seed), None, f"{path}: ")
+    resume(session, EnvState(content.played(twin.engine, path), content.seed, content.steps))
 
 
 def _stage_of(session: Session, scenario: Scenario) -> int:
@@ -165,10 +165,10 @@ def _enter(
     seed, episode, world_seed = numbers
     own = session.tasks.world_seed(stage, seed, episode)
     if own != world_seed:
-        drawn = session.tasks.stages[stage][1].world_seed is None
+        by_seed = session.tasks.stages[stage][1].world_seed is None
         raise StateError(
             f"{where}the saved state is of world {world_seed}, but this environment flies in "
-            f"{'the world of its seed' if drawn else f'world {own}'}; world_seed: {world_seed}"
+            f"{'the world of its seed' if by_seed else f'world {own}'}; world_seed: {world_seed}"
         )
     if not session.started or (session.world.seed, session.stage) != (world_seed, stage):
         session.enter(stage, world or session.tasks.world(stage, world_seed))

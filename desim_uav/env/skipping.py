@@ -97,16 +97,16 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
 
     def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
         """Take one action per agent, and then the only allowed ones until there is a choice."""
-        chosen = actions
+        choices = actions
         while True:
-            observations, rewards, ends, cuts, infos = super().step(chosen)
+            observations, rewards, ends, cuts, infos = super().step(choices)
             for agent, reward in rewards.items():
                 self._gained[agent] += self._ways[agent].discount * reward
                 self._ways[agent].go_on(self.gamma, infos[agent])
             over = not self.agents
             if over or not all(info["forced"] for info in infos.values()):
                 return observations, self._paid(infos, over), ends, cuts, infos
-            chosen = {agent: self._forced(agent, one) for agent, one in observations.items()}
+            choices = {agent: self._forced(agent, one) for agent, one in observations.items()}
 
     def _forced(self, agent: str, one: dict[str, Any]) -> Any:
         """Return the only allowed action; in free flight, a command does not count then."""

@@ -72,8 +72,8 @@ class Tasks(Unchanging):
 
     def stage(self, episodes: int, steps: int) -> int:
         """Return the index of the stage that applies after so many episodes and steps."""
-        done = episodes if self.unit == "episodes" else steps
-        return bisect_right(self.stages, done, key=itemgetter(0)) - 1
+        count = episodes if self.unit == "episodes" else steps
+        return bisect_right(self.stages, count, key=itemgetter(0)) - 1
 
     def world_seed(self, stage: int, seed: int, episode: int) -> int:
         """Return the world seed of an episode of the run with this seed."""
@@ -82,8 +82,8 @@ class Tasks(Unchanging):
             return fixed
         if self.worlds is None:
             return seed
-        (((drawn,),),) = uniforms_of(seed, Purpose.TASK, [episode], 1, 1)
-        return self.worlds[int(drawn * len(self.worlds))]
+        (((uniform,),),) = uniforms_of(seed, Purpose.TASK, [episode], 1, 1)
+        return self.worlds[int(uniform * len(self.worlds))]
 
     def world(self, stage: int, world_seed: int) -> World:
         """Return the world of a stage, which is kept for later if ``worlds`` is given."""

@@ -135,8 +135,8 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
             seed, self._next_seed = self._next_seed, None
             observations, infos = self.vector.reset(seed=seed)
         else:
-            chosen = which.reshape(-1).cpu().numpy()
-            observations, infos = self.vector.reset(options={"reset_mask": chosen})
+            mask = which.reshape(-1).cpu().numpy()
+            observations, infos = self.vector.reset(options={"reset_mask": mask})
         return self._content(observations, infos)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -150,14 +150,14 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         """Choose actions at random, among those that are allowed now, or numbers from -1 to 1."""
         masks = torch.from_numpy(self.vector.action_masks())
         if isinstance(self.vector.action_space, Box):
-            drawn = self.full_action_spec[GROUP, "action"].rand()
+            actions = self.full_action_spec[GROUP, "action"].rand()
         else:
-            drawn = torch.multinomial(masks.flatten(0, 1).float(), 1).view(masks.shape[:2])
+            actions = torch.multinomial(masks.flatten(0, 1).float(), 1).view(masks.shape[:2])
         if tensordict is None:
             tensordict = TensorDict({}, self.batch_size, device=self.device)
         if tensordict.get(GROUP, None) is None:
             tensordict[GROUP] = TensorDict({}, masks.shape[:2], device=self.device)
-        tensordict[GROUP, "action"] = drawn.to(self.device)
+        tensordict[GROUP, "action"] = actions.to(self.device)
         return tensordict
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -72,8 +72,8 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         mode, if ``num_envs`` or ``threads`` is below 1, or if the observations do not fit in
         memory.
         """
-        chosen = tasks_of(scenario, config, world_seed, curriculum)
-        self.make_sessions(chosen, num_envs, autoreset_mode, threads, render_mode)
+        tasks = tasks_of(scenario, config, world_seed, curriculum)
+        self.make_sessions(tasks, num_envs, autoreset_mode, threads, render_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
 
     def _set_spaces(self) -> None:

@@ -41,12 +41,12 @@ def bounds(
 def _row(
     scenario: Scenario, seed: int, episodes: int, schedule: bool, on_work: Callable[[], None]
 ) -> dict[str, Any]:
-    drawn = scenario.model_copy(update={"seed": seed})
-    world = build_world(drawn, drawn.effective_world_seed)
+    seeded = scenario.model_copy(update={"seed": seed})
+    world = build_world(seeded, seeded.effective_world_seed)
     bound = BoundedRun(world, seed, episodes, on_work=on_work).bound(schedule)
     return {
         "seed": seed,
-        "world_seed": drawn.effective_world_seed,
+        "world_seed": seeded.effective_world_seed,
         **{name: getattr(bound, name) for name in MEASURES},
         "gap_percent": bound.gap_percent,
     }

@@ -175,11 +175,11 @@ class Comparison:
 
     def _differences(self, policy: str) -> dict[str, Any]:
         runs, reference = self._of(policy), self._of(self.against)
-        common = [drawn for drawn in runs if drawn in reference]
+        common = [key for key in runs if key in reference]
 
         def difference(name: str) -> dict[str, Any]:
             values, references = (
-                [of[drawn].measures[name] for drawn in common] for of in (runs, reference)
+                [of[key].measures[name] for key in common] for of in (runs, reference)
             )
             minus = paired(values, references)
             return _plain(minus) | {"excludes_zero": minus.excludes_zero}
@@ -216,21 +216,25 @@ def compare_policies(
     reference = reference_of(list(policies), against)
     if jobs > 1:
         _check_portable(policies)
-    drawn = [(policy, seed) for seed in seeds for policy in policies]
-    tasks = [(scenario, policies[policy], seed, episodes, warmup, engine) for policy, seed in drawn]
-    done: list[Replication] = []
+    pairs = [(policy, seed) for seed in seeds for policy in policies]
+    tasks = [(scenario, policies[policy], seed, episodes, warmup, engine) for policy, seed in pairs]
+    replications: list[Replication] = []
     interrupted = False
     try:
         with closing(run_each(evaluate, tasks, jobs)) as ended:
             for number, measured in ended:
-                policy, seed = drawn[number]
-                done.append(Replication(policy, seed, world_seed_of(scenario, seed), measured))
+                policy, seed = pairs[number]
+                replications.append(
+                    Replication(policy, seed, world_seed_of(scenario, seed), measured)
+                )
                 on_replication()
     except KeyboardInterrupt:
-        if not done:
+        if not replications:
             raise
         interrupted = True
-    return Comparison(scenario.name, episodes, warmup, list(policies), reference, done, interrupted)
+    return Comparison(
+        scenario.name, episodes, warmup, list(policies), reference, replications, interrupted
+    )
 
 
 def _check_portable(policies: Mapping[str, PolicyLike]) -> None:

@@ -49,7 +49,7 @@ def display(show: bool, total: int, unit: str, compiling: bool) -> Iterator[Upda
     else:
         if compiling:
             _print(COMPILING)
-        yield _Paced(total, LINES_EVERY_S, lambda done, text: _print(_share(done, total, unit)))
+        yield _Paced(total, LINES_EVERY_S, lambda count, text: _print(_share(count, total, unit)))
 
 
 class _Paced:
@@ -78,8 +78,8 @@ def _on_terminal(console: Console, total: int, unit: str, compiling: bool) -> It
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
         task = progress.add_task(COMPILING if compiling else unit, total=total)
 
-        def show(done: int, text: DisplayText) -> None:
-            progress.update(task, description=text(), completed=done)
+        def show(count: int, text: DisplayText) -> None:
+            progress.update(task, description=text(), completed=count)
 
         paced = _Paced(total, TERMINAL_EVERY_S, show)
         yield paced
@@ -101,9 +101,9 @@ def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Update]:
     first = COMPILING if compiling else _share(0, total, unit)
     handle = ipython.display(line(first), raw=True, display_id=True)
 
-    def show(done: int, text: DisplayText) -> None:
+    def show(count: int, text: DisplayText) -> None:
         words = text()
-        progress = _share(done, total, unit) + ("" if words == unit else f"  {words}")
+        progress = _share(count, total, unit) + ("" if words == unit else f"  {words}")
         handle.update(line(progress), raw=True)
 
     try:
@@ -112,8 +112,8 @@ def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Update]:
         handle.update(line(""), raw=True)
 
 
-def _share(done: int, total: int, unit: str) -> str:
-    return f"{done:,} of {total:,} {unit}"
+def _share(count: int, total: int, unit: str) -> str:
+    return f"{count:,} of {total:,} {unit}"
 
 
 def _print(text: str) -> None:

@@ -73,9 +73,9 @@ def optimum(
         "runs_refused": None,
     }
     if bounds_runs(scenario):
-        drawn = range(scenario.seed, scenario.seed + seeds)
+        all_seeds = range(scenario.seed, scenario.seed + seeds)
         try:
-            solution["runs"] = bounds(scenario, drawn, episodes, on_work=on_work)
+            solution["runs"] = bounds(scenario, all_seeds, episodes, on_work=on_work)
         except UsageError as error:
             if not static:
                 raise

@@ -184,8 +184,8 @@ def run_job(job: Job, folder: Path, engine: str = "auto") -> dict[str, Any]:
         row |= {f"last_{key}": _mean([getattr(one, key) for one in last]) for key in LAST_EPISODE}
     row |= evaluate(scenario, policy, job.seed, EPISODES, WARMUP, engine)
     file = folder / "jobs" / f"{job.name}.json"
-    kept = {"identity": job.identity(), "row": row, "sha256": of_row(row)}
-    content = json.dumps(kept, indent=1, allow_nan=False)
+    record = {"identity": job.identity(), "row": row, "sha256": of_row(row)}
+    content = json.dumps(record, indent=1, allow_nan=False)
     write_whole(file, content.encode())
     return row
 

@@ -145,24 +145,26 @@ def begun(prepared: Prepared, how: How, folder: Path) -> Begun:
                 f"{folder}: it holds another run: {what} {record.get(what)!r}, not {value!r}"
             )
     numbers = read_table(folder, "episodes", EPISODES)["episode"].tolist()
-    done = len(numbers) - how.warmup
-    if numbers != list(range(-how.warmup, done)) or not 0 < done <= how.episodes:
-        raise PolicyError(f"{folder}: it holds {done} episode(s), and {how.episodes} are asked for")
+    episodes = len(numbers) - how.warmup
+    if numbers != list(range(-how.warmup, episodes)) or not 0 < episodes <= how.episodes:
+        raise PolicyError(
+            f"{folder}: it holds {episodes} episode(s), and {how.episodes} are asked for"
+        )
     starts_afresh = not settings.carry_over and _forgets(prepared.name)
-    first = done - 1 if starts_afresh else -how.warmup
-    return Begun(folder, first, done, *_last_batch(prepared, folder, done))
+    first = episodes - 1 if starts_afresh else -how.warmup
+    return Begun(folder, first, episodes, *_last_batch(prepared, folder, episodes))
 
 
-def _last_batch(prepared: Prepared, folder: Path, done: int) -> tuple[int, tuple[int, int]]:
-    """Return the first episode of the last batch and its size, or ``done`` if it is complete."""
+def _last_batch(prepared: Prepared, folder: Path, episodes: int) -> tuple[int, tuple[int, int]]:
+    """Return the first episode of the last batch and its size, or ``episodes`` if it is whole."""
     *_, last = read_parts(folder, "episodes", EPISODES)
     numbers = last["episode"].tolist()
     logged = {"requests", "events"} & {*_there(folder)}
     rows = sum(len(_rows(folder, name, numbers[0])) for name in logged)
-    drawn = (draw(prepared.world, prepared.scenario.seed, number) for number in numbers)
-    rows += sum(len(path.walks.legs) for path in drawn)
+    paths = (draw(prepared.world, prepared.scenario.seed, number) for number in numbers)
+    rows += sum(len(path.walks.legs) for path in paths)
     is_complete = len(numbers) >= run.BATCH or rows >= run.ROWS
-    return (done, (0, 0)) if is_complete else (numbers[0], (len(numbers), rows))
+    return (episodes, (0, 0)) if is_complete else (numbers[0], (len(numbers), rows))
 
 
 def _forgets(policy: str) -> bool:

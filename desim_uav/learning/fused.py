@@ -111,8 +111,8 @@ def _show(engine: CompiledTraining, episode: EpisodeRow) -> None:
         lesson = one.lesson
         for k in range(len(lesson.allowed)):
             lesson.allowed[k] = state.masks[d * len(lesson.allowed) + k]
-        drawn = engine.draws[d, state.step]
-        one.explore, one.which, lesson.coin = drawn[0], drawn[1], drawn[2]
+        uniforms = engine.draws[d, state.step]
+        one.explore, one.which, lesson.coin = uniforms[0], uniforms[1], uniforms[2]
         one.lost = int(mode == CRASHED and own.on_crash == REMOVES)
         one.decides = 1 - state.observations[d].forced
         if one.decides:

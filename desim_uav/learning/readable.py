@@ -41,12 +41,12 @@ class Readable:
         world, draws = self.engine.world, self.draws[snapshot.step]
         encode = world.scenario.observation.encode
         episode.terminated, episode.truncated = snapshot.terminated, snapshot.truncated
-        for learner, observation, mask, drawn in zip(
+        for learner, observation, mask, uniforms in zip(
             episode.learners, snapshot.observations, snapshot.masks, draws, strict=True
         ):
             lesson: Any = learner.lesson
             lesson.allowed = mask
-            learner.explore, learner.which, lesson.coin = drawn
+            learner.explore, learner.which, lesson.coin = uniforms
             removes = world.type_of(observation.drone).on_crash == "remove"
             learner.lost = removes and observation.mode is Mode.CRASHED
             learner.decides = sum(mask) > 1

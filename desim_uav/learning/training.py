@@ -239,8 +239,8 @@ class Training:
     def _draws(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Return the random numbers of episodes, in [0, 1): (episodes, drones, epochs, DRAWS)."""
         count, epochs = len(self.learners), self.world.most_epochs + 1
-        drawn = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
-        return drawn.reshape(-1, count, epochs, DRAWS)
+        uniforms = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
+        return uniforms.reshape(-1, count, epochs, DRAWS)
 
     def remember(self) -> Memory:
         """Return the state on which all later episodes depend."""

@@ -87,9 +87,9 @@ class Spots:
         self.footprints = Footprints(world)
         self.drones = world.scenario.drone_count
         self.users = len(world.homes)
-        held = self.footprints.by_cell()
+        users_of = self.footprints.by_cell()
         cells = sorted({(ix, iy) for ix, iy, _ in flown_to(world)})
-        rows = np.array([held[cell] for cell in cells])
+        rows = np.array([users_of[cell] for cell in cells])
         different = np.sort(np.unique(rows, axis=0, return_index=True)[1])
         order = different[np.argsort(-rows[different].sum(axis=1), kind="stable")]
         self.held: HeldPlaces = rows[order]
@@ -128,20 +128,20 @@ def instant_bound(places: Spots, limit_s: float = LIMIT_S) -> int:
 
 
 def _most_covered(
-    held: HeldPlaces, drones: int, limit_s: float, in_order: bool = False
+    covers: HeldPlaces, drones: int, limit_s: float, in_order: bool = False
 ) -> tuple[Placement, int]:
     """Return the best placement found, and an upper bound on the users that any one covers.
 
     ``in_order`` makes the choice among equally good placements a matter of their order.
     """
-    placement, bound = greedy_cover(held, drones)
-    users = covered(held, placement)
-    at_most = min(bound, int(users / GUARANTEE), int(held.any(axis=0).sum()))
-    if users < at_most and held.sum() <= MOST_PAIRS:
-        candidate, most = best_cover(held, drones, limit_s, in_order)
+    placement, bound = greedy_cover(covers, drones)
+    users = covered(covers, placement)
+    at_most = min(bound, int(users / GUARANTEE), int(covers.any(axis=0).sum()))
+    if users < at_most and covers.sum() <= MOST_PAIRS:
+        candidate, most = best_cover(covers, drones, limit_s, in_order)
         at_most = int(min(at_most, most))
         if candidate is not None:
-            placement = max(candidate, placement, key=partial(covered, held))
+            placement = max(candidate, placement, key=partial(covered, covers))
     return placement, at_most
 
 
@@ -155,16 +155,16 @@ def fair_cover(places: Spots, budget: int = BUDGET) -> FairCover | None:
         return None
     sets, base = as_bits(places.held), users + 1
     best, none = undominated(sets), np.zeros(drones, np.int64)
-    chosen, key, proven = best_shares(sets[best], drones, users, 1, none, -1, budget)
-    chosen = best[chosen]
+    indices, key, proven = best_shares(sets[best], drones, users, 1, none, -1, budget)
+    indices = best[indices]
     score, most = divmod(int(key), base)
     least = None
     if proven:
         # With sign -1 the key is score (users + 1) - covered, so that fewer users are better.
         start = score * base - most
-        _, key, proven_least = best_shares(sets, drones, users, -1, chosen, start, budget)
+        _, key, proven_least = best_shares(sets, drones, users, -1, indices, start, budget)
         least = score * base - int(key) if proven_least else None
     quota, rest = divmod(users, drones)
     top = (drones - rest) * drones * quota + rest * min(users, drones * (quota + 1))
-    cells = places.cells_of(chosen)
+    cells = places.cells_of(indices)
     return FairCover(cells, score, score if proven else top, most, least)

@@ -45,13 +45,13 @@ class Footprints:
         """
         crossings = self._crossings(leg, span_us)
         order = np.lexsort((-crossings[:, ENTERS], crossings[:, TIME_US]))
-        held, grown, largest = 0, False, set()
+        users, grown, largest = 0, False, set()
         for _, user, enters in crossings[order].tolist():
             if grown and not enters:
-                largest.add(held)
-            held ^= 1 << user
+                largest.add(users)
+            users ^= 1 << user
             grown = bool(enters)
-        largest.add(held)
+        largest.add(users)
         return largest
 
     def _crossings(self, leg: TransitLeg, span_us: int) -> NDArray[np.int64]:

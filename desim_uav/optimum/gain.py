@@ -169,9 +169,9 @@ def _chain(gained: Array, steps: Array, leads: csr_array) -> tuple[Array, Array]
     return gains, bias
 
 
-def _by_class(class_of: NDArray[np.int32], chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+def _by_class(class_of: NDArray[np.int32], mask: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Return the chosen states of each class."""
-    states = np.flatnonzero(chosen)
+    states = np.flatnonzero(mask)
     states = states[np.argsort(class_of[states], kind="stable")]
     return np.split(states, np.flatnonzero(np.diff(class_of[states])) + 1)
 

@@ -18,31 +18,31 @@ SLACK = 1e-3
 """What is added to a bound before it is rounded down, which is far more than its rounding error."""
 
 
-def covered(held: HeldPlaces, placement: Placement) -> int:
+def covered(covers: HeldPlaces, placement: Placement) -> int:
     """Return the number of users that a placement covers."""
-    return int(held[placement].any(axis=0).sum())
+    return int(covers[placement].any(axis=0).sum())
 
 
-def greedy_cover(held: HeldPlaces, drones: int) -> tuple[Placement, int]:
+def greedy_cover(covers: HeldPlaces, drones: int) -> tuple[Placement, int]:
     """Place each drone in turn where it adds most users.
 
     Returns the placement, and a bound on the users that any placement covers: after any turn, none
     exceeds the users covered so far by more than the ``drones`` largest gains at that time.
     """
     placement = np.zeros(0, np.int64)
-    left, bound = held, held.shape[1]
+    left, bound = covers, covers.shape[1]
     while True:
         gains = left.sum(axis=1)
-        bound = min(bound, covered(held, placement) + int(np.sort(gains)[-drones:].sum()))
+        bound = min(bound, covered(covers, placement) + int(np.sort(gains)[-drones:].sum()))
         if len(placement) == drones:
             return placement, bound
         best = gains.argmax()
         placement = np.append(placement, best)
-        left = left & ~held[best]
+        left = left & ~covers[best]
 
 
 def best_cover(
-    held: HeldPlaces, drones: int, limit_s: float, in_order: bool
+    covers: HeldPlaces, drones: int, limit_s: float, in_order: bool
 ) -> tuple[Placement | None, float]:
     """Return the placement that covers most users, and a bound on the users that any one covers.
 
@@ -54,8 +54,8 @@ def best_cover(
     from scipy.optimize import Bounds, LinearConstraint, milp  # type: ignore[import-untyped]
     from scipy.sparse import csr_array, eye_array, hstack  # type: ignore[import-untyped]
 
-    contained, users = np.unique(held.T, axis=0, return_counts=True)
-    places, groups = len(held), len(users)
+    contained, users = np.unique(covers.T, axis=0, return_counts=True)
+    places, groups = len(covers), len(users)
     of_drones = np.repeat([1.0, 0.0], [places, groups])
     by_drones = hstack([csr_array(-contained.astype(float)), eye_array(groups)], format="csr")
     rows = [LinearConstraint(of_drones[None], drones, drones), LinearConstraint(by_drones, ub=0)]

@@ -22,11 +22,11 @@ def as_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:
 
 def undominated(sets: NDArray[np.uint64]) -> NDArray[np.int64]:
     """Return the sets contained in no other; all must differ and the largest be first."""
-    kept: list[int] = []
+    indices: list[int] = []
     for k, one in enumerate(sets):
-        if not (sets[kept] & one == one).all(axis=1).any():
-            kept.append(k)
-    return np.array(kept)
+        if not (sets[indices] & one == one).all(axis=1).any():
+            indices.append(k)
+    return np.array(indices)
 
 
 @maker
@@ -75,11 +75,11 @@ def _shared(counted: NDArray[np.int64], drones: int, most: int) -> int:
     ``counted`` has the number of users in the union of each subset of the drones. Each user is
     attached to one of the drones that cover it; the result is the minimum cut of this flow.
     """
-    held = np.int64(2**62)
+    users = np.int64(2**62)
     for subset in range(1 << drones):
         outside = drones - _bits(np.uint64(subset))
-        held = min(held, outside * most + counted[subset])
-    return int(held)
+        users = min(users, outside * most + counted[subset])
+    return int(users)
 
 
 @maker
@@ -88,7 +88,7 @@ def best_shares(
     drones: int,
     users: int,
     sign: int,
-    chosen: NDArray[np.int64],
+    start: NDArray[np.int64],
     key: int,
     budget: int,
 ) -> tuple[NDArray[np.int64], int, bool]:
@@ -113,7 +113,7 @@ def best_shares(
     largest_gain = np.zeros(drones + 1, np.int64)
     largest_gain[0] = size[0] if count else 0
     at = np.full(drones, -1, np.int64)
-    best = chosen.copy()
+    best = start.copy()
     looked_at = 0
     depth = 0
     while depth >= 0:

@@ -112,11 +112,11 @@ class Clairvoyant:
             epochs.append((self._inner.save(), snapshot))
             step = snapshot.step - self._first - begins
             if step < len(script):
-                chosen = script[step]
+                choices = script[step]
             else:
-                chosen, plans = self._planned(snapshot, plans)
-            commands.append(chosen)
-            snapshot = self._inner.step(chosen)
+                choices, plans = self._planned(snapshot, plans)
+            commands.append(choices)
+            snapshot = self._inner.step(choices)
         value = score(self._inner, self.options["qoe1"], charged=False) + self._later(snapshot)
         if not self._commands or value > self._value:
             self._value = value
@@ -171,9 +171,9 @@ class Clairvoyant:
         keeps_on = bool(self._rng.integers(2))
         allowed = [k for k, may in enumerate(snapshot.masks[drone]) if may]
         command = allowed[draw % len(allowed)]
-        chosen = list(self._commands[step])
-        if snapshot.observations[drone].mode not in DECIDES or command == chosen[drone]:
+        choices = list(self._commands[step])
+        if snapshot.observations[drone].mode not in DECIDES or command == choices[drone]:
             return
-        chosen[drone] = command
+        choices[drone] = command
         then = self._commands[step + 1 :] if keeps_on else []
-        self._play(self._inner.restore(saved), [chosen], then)
+        self._play(self._inner.restore(saved), [choices], then)

@@ -39,10 +39,10 @@ class FunctionPolicy:
         """Call the function. Raises PolicyError for an action that the scenario does not have."""
         if sum(mask) == 1:
             return list(mask).index(True)
-        chosen = self.choose(observation, mask)
-        if not isinstance(chosen, str | Action | AtSpeed):
-            return chosen
-        name = chosen if isinstance(chosen, str) else chosen.name.lower()
+        answer = self.choose(observation, mask)
+        if not isinstance(answer, str | Action | AtSpeed):
+            return answer
+        name = answer if isinstance(answer, str) else answer.name.lower()
         index_of = self._commands.of(observation.drone).named
         if name.lower() in index_of:
             return index_of[name.lower()]

@@ -115,26 +115,26 @@ class Rollout:
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> list[int]:
         """Return the best command of each drone, in turn."""
-        chosen = decide_by(self._base, observations, masks, self._world)
+        commands = decide_by(self._base, observations, masks, self._world)
         options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
-        chosen = [self._safely(d, chosen[d], allowed) for d, allowed in enumerate(options)]
+        commands = [self._safely(d, commands[d], allowed) for d, allowed in enumerate(options)]
         if all(len(each) < 2 for each in options):
-            return chosen
+            return commands
         self._imagine()
         self._memory = self.memory()
-        best = self._scores(chosen)
+        best = self._scores(commands)
         for drone, allowed in enumerate(options):
             for command in allowed:
-                if command == chosen[drone]:
+                if command == commands[drone]:
                     continue
-                tried = [*chosen[:drone], command, *chosen[drone + 1 :]]
+                tried = [*commands[:drone], command, *commands[drone + 1 :]]
                 scores = self._scores(tried)
                 if self._is_better(scores - best):
-                    best, chosen = scores, tried
+                    best, commands = scores, tried
         if self._mind is None:
             show(self._base, self._engine)
             self.remember(self._memory)
-        return chosen
+        return commands
 
     def _options(self, observation: Observation, mask: Sequence[bool]) -> list[int]:
         """Return the commands that a drone may choose from, if it can reach a station after them.

@@ -285,9 +285,9 @@ class Playback:
 
     def _measures(self, t_us: int, key: int) -> Measures:
         """Return the quality of experience so far, including that of open requests."""
-        requests, served, held = self._requests, self.services, self.attachments
+        requests, served, attachments = self._requests, self.services, self.attachments
         begun = requests.from_key <= key
-        held_us = held.lasted_us(t_us, key).sum()
+        held_us = attachments.lasted_us(t_us, key).sum()
         users = len(self.run.world.homes)
         qoe3 = float(100 * held_us / (t_us * users)) if t_us else None
         if not begun.any():

@@ -95,12 +95,12 @@ def _figures(sweep: Swept) -> Html:
         draw = partial(intervals_figure, content["estimates"], content["policies"], titles, False)
         caption = sentence(mean_words(content["estimates"]))
         return gallery([Picture("Policies", caption, draw)], 0)
-    held = ", ".join(f"{key} = {value}" for key, value in content["held"].items())
-    caption = f"Against {' and '.join(content['keys'])}{f', with {held}' if held else ''}."
+    fixed = ", ".join(f"{key} = {value}" for key, value in content["held"].items())
+    caption = f"Against {' and '.join(content['keys'])}{f', with {fixed}' if fixed else ''}."
     pictures = [
         Picture(titles[name], caption, partial(sweep_figure, content, [name])) for name in DRAWN
     ]
-    more = "Other values are drawn by desim-uav plot sweep with --key KEY=VALUE." if held else None
+    more = "Other values are drawn by desim-uav plot sweep with --key KEY=VALUE." if fixed else None
     return joined([gallery(pictures, 0), paragraph(more, class_="note") if more else None])
 
 

@@ -88,7 +88,7 @@ class Film:
         step, steps = moment.t_us // world.step_us, world.scenario.episode.steps
         grid = world.grid
         served = np.bincount(moment.serving[moment.serving >= 0], minlength=len(moment.modes))
-        held = np.bincount(moment.holders[moment.holders >= 0], minlength=len(moment.modes))
+        counts = np.bincount(moment.holders[moment.holders >= 0], minlength=len(moment.modes))
         observations = tuple(
             Observation(
                 drone,
@@ -100,7 +100,7 @@ class Film:
                 moment.batteries_s[drone],
                 world.facts_of(drone).capacity_s,
                 None,
-                int(held[drone]),
+                int(counts[drone]),
                 int(served[drone]),
                 0.0,
             )

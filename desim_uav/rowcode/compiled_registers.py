@@ -50,9 +50,9 @@ def _either(typing_context: Any, condition: Any, one: Any, other: Any) -> Any:
     """Return ``one`` if a condition holds, else ``other``, two whole numbers, without a jump."""
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-        chosen = builder.select(*arguments)
-        chosen.set_metadata("unpredictable", builder.module.add_metadata([]))
-        return chosen
+        value = builder.select(*arguments)
+        value.set_metadata("unpredictable", builder.module.add_metadata([]))
+        return value
 
     return I64(types.boolean, I64, I64), generate
 

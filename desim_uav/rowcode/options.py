@@ -53,8 +53,8 @@ def overload_attribute(kind: Any, name: str) -> Callable[[Any], Any]:
 
 def _shared(maker: Any, *of: Any, **options: Any) -> Callable[[Any], Any]:
     def decorate(implementation: Any) -> Any:
-        done = maker(*of, **options)(implementation)
+        result = maker(*of, **options)(implementation)
         share_last()
-        return done
+        return result
 
     return decorate

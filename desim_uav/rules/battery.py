@@ -58,8 +58,8 @@ def return_below_of(world: Constants, drone: Drone) -> int:
 @rule
 def until_full_us(world: Constants, drone: Drone) -> int:
     """Return for how long a drone has to charge until its battery is full, at most until NEVER."""
-    held, capacity = drone.charge, capacity_of(world, drone)
-    return min(call_for_int(world.until_full_us, (world, held, capacity)), NEVER)
+    charge, capacity = drone.charge, capacity_of(world, drone)
+    return min(call_for_int(world.until_full_us, (world, charge, capacity)), NEVER)
 
 
 @rule
@@ -86,8 +86,8 @@ def battery_now(world: Constants, state: State, drone: Drone) -> int:
         # A model that drains faster than time passes may drain more than is left in a microsecond.
         return max(0, drone.charge - drain_of(world, drone, elapsed_us))
     if drone.mode == CHARGING:
-        held, capacity = drone.charge, capacity_of(world, drone)
-        return call_for_int(world.charged, (world, held, elapsed_us, capacity))
+        charge, capacity = drone.charge, capacity_of(world, drone)
+        return call_for_int(world.charged, (world, charge, elapsed_us, capacity))
     return drone.charge
 
 
@@ -106,16 +106,16 @@ def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None
 @rule
 def _hold(world: Constants, state: State, drone: Drone) -> None:
     """Update a limited battery to now, and cancel its scheduled depletion."""
-    held = battery_now(world, state, drone)
-    count_charge(drone, held)
-    drone.charge, drone.counted = held, 0
+    charge = battery_now(world, state, drone)
+    count_charge(drone, charge)
+    drone.charge, drone.counted = charge, 0
     undo(state, depletion_slot(state, drone.index))
 
 
 @rule
-def count_charge(drone: Drone, held: int) -> None:
+def count_charge(drone: Drone, charge: int) -> None:
     """Count what a battery, which holds so much now, has lost or gained since it was counted."""
-    lost = drone.charge - held - drone.counted
+    lost = drone.charge - charge - drone.counted
     drone.counted += lost
     if lost > 0:
         drone.used += lost

@@ -78,11 +78,11 @@ def _sum_up_past(state: State, drone: Drone) -> None:
         change = ahead.pop()
         state.users[change.user].classes[d] = abs(change.change)
     for u in range(len(state.users) - 1, -1, -1):
-        held = state.users[u].classes[d]
-        if held > 0:
+        link_class = state.users[u].classes[d]
+        if link_class > 0:
             state.users[u].classes[d] = 0
             rise = ahead.added()
-            rise.t_us, rise.user, rise.change = state.now_us, u, held
+            rise.t_us, rise.user, rise.change = state.now_us, u, link_class
 
 
 @rule

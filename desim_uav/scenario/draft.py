@@ -164,10 +164,10 @@ class ScenarioDraft:
     def _find(self, path: KeyPath) -> tuple[Any, bool]:
         value = self.data
         for part in path:
-            held = part in value if isinstance(value, dict) else False
+            has_part = part in value if isinstance(value, dict) else False
             if isinstance(value, list) and isinstance(part, int):
-                held = part < len(value)
-            if not held:
+                has_part = part < len(value)
+            if not has_part:
                 return None, False
             value = value[part]
         return value, True

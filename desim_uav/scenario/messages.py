@@ -38,13 +38,13 @@ def complaints(error: ValidationError, draft: ScenarioDraft) -> list[Complaint]:
     details = error.errors(include_url=False)[:MAX_PROBLEMS]
     listing = [_complaint(detail, draft, details) for detail in details]
     wrong = [c.path for c in listing]
-    kept: dict[tuple[KeyPath, str], Complaint] = {}
+    by_path: dict[tuple[KeyPath, str], Complaint] = {}
     for complaint, detail in zip(listing, details, strict=True):
         size = len(complaint.path)
         beneath = any(len(p) > size and p[:size] == complaint.path for p in wrong)
         if not (beneath and detail["type"] in ("too_short", "too_long")):
-            kept.setdefault((complaint.path, complaint.message), complaint)
-    return list(kept.values())
+            by_path.setdefault((complaint.path, complaint.message), complaint)
+    return list(by_path.values())
 
 
 def _complaint(

@@ -89,11 +89,11 @@ def foresee_rings(
         count = _cross_disc(at, own, users, leg, span, changes)
     else:
         count = _cross_rings(at, own, users, leg, span, changes)
-    kept = min(count, room)
+    rows = min(count, room)
     if rings.classes == 1:
-        sort_last_first(changes_at(out, room), kept)
+        sort_last_first(changes_at(out, room), rows)
     else:
-        spread_last_first(own.found, kept, own.order, changes_at(out, room))
+        spread_last_first(own.found, rows, own.order, changes_at(out, room))
     return count
 
 

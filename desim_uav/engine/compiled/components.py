@@ -245,9 +245,11 @@ def components_of(
     slots: tuple[FunctionSlot, ...], chooser: World | DroneType | Links
 ) -> dict[str, Any]:
     """Return the components over rows of a world, a type or links, by their slots' keys."""
-    chosen = {slot.key: slot.chosen(chooser) for slot in slots}
+    component_of = {slot.key: slot.chosen(chooser) for slot in slots}
     return {
-        slot.key: chosen[slot.key] for slot in slots if works_on_rows(chosen[slot.key], slot.base)
+        slot.key: component_of[slot.key]
+        for slot in slots
+        if works_on_rows(component_of[slot.key], slot.base)
     }
 
 

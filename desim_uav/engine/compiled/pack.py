@@ -48,15 +48,17 @@ def lacking(world: World) -> list[str]:
     """Return the reasons why the compiled engine cannot run a world, which are none if it can."""
     lacks = []
     keys = tuple(".".join(map(str, key)) for key in world.scenario.fleet_keys)
-    chosen: list[tuple[str, FunctionSlot, Any]] = []
+    choices: list[tuple[str, FunctionSlot, Any]] = []
     for key, own in zip(keys, world.types, strict=True):
-        chosen += [(f"{key}.{slot.key}", slot, slot.chosen(own)) for slot in TYPE_SLOTS]
-    chosen += [(slot.key, slot, slot.chosen(world)) for slot in SLOTS]
+        choices += [(f"{key}.{slot.key}", slot, slot.chosen(own)) for slot in TYPE_SLOTS]
+    choices += [(slot.key, slot, slot.chosen(world)) for slot in SLOTS]
     keys += tuple(f"access_points[{k}]" for k in range(len(world.scenario.access_points)))
     for key, links in zip(keys, world.links, strict=True):
         slots_of_radio = (*RADIO_SLOTS, *LOSS_SLOTS)
-        chosen += [(f"{key}.radio.{slot.key}", slot, slot.chosen(links)) for slot in slots_of_radio]
-    for key, slot, component in chosen:
+        choices += [
+            (f"{key}.radio.{slot.key}", slot, slot.chosen(links)) for slot in slots_of_radio
+        ]
+    for key, slot, component in choices:
         if why := why_not_compiled(slot, component, world.services.names):
             lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
     return lacks + too_large(world) + _too_slow(world)
@@ -102,8 +104,8 @@ class Fixed(Unchanging):
             (RADIO_SLOTS, constants.radios, self.radios),
             (LOSS_SLOTS, constants.scene.radios, self.radios),
         )
-        for slots_of, rows, chosen in placed:
-            for (row, components), slot in product(zip(rows, chosen, strict=True), slots_of):
+        for slots_of, rows, choices in placed:
+            for (row, components), slot in product(zip(rows, choices, strict=True), slots_of):
                 if slot.key in components:
                     component = components[slot.key]
                     loaded.append(compiled(slot.functions, component, self.services))
@@ -129,10 +131,10 @@ _PACKED: WeakKeyDictionary[World, dict[RunSettings, Fixed]] = WeakKeyDictionary(
 
 def pack(world: World, settings: RunSettings) -> Fixed:
     """Return the constants of a run in memory. Raises ScenarioError if ``lacking`` has reasons."""
-    kept = _PACKED.setdefault(world, {})
-    if settings not in kept:
-        kept[settings] = _pack(world, settings)
-    return kept[settings]
+    fixed_of = _PACKED.setdefault(world, {})
+    if settings not in fixed_of:
+        fixed_of[settings] = _pack(world, settings)
+    return fixed_of[settings]
 
 
 def _pack(world: World, settings: RunSettings) -> Fixed:

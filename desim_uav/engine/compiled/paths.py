@@ -134,9 +134,9 @@ def _block(numbers: NDArray[Any]) -> TableSection:
     return TableSection(parts, size * np.arange(count), size)
 
 
-def _once(drawn: Sequence[T]) -> Sequence[T]:
+def _once(parts: Sequence[T]) -> Sequence[T]:
     """Return what has been drawn for each episode, or one of them if it is the same object."""
-    return drawn[:1] if all(map(is_, drawn, repeat(drawn[0]))) else drawn
+    return parts[:1] if all(map(is_, parts, repeat(parts[0]))) else parts
 
 
 def _listed(arrays: Sequence[NDArray[Any]]) -> TableSection:

@@ -233,10 +233,10 @@ class BatchSimulation(Engine):
 
     def _take(self, saved: SavedState) -> None:
         """Copy the memory of a saved state or, if an engine of another kind saved it, its rows."""
-        self._began, kept = (saved.before, False), saved.kept
-        if isinstance(kept, Block) and kept.fixed is self.fixed:
-            self._set_memory(kept.words, kept.buffers, kept.leg_buffer)
-            self.path, self.latest = kept.path, saved.latest
+        self._began, memory = (saved.before, False), saved.kept
+        if isinstance(memory, Block) and memory.fixed is self.fixed:
+            self._set_memory(memory.words, memory.buffers, memory.leg_buffer)
+            self.path, self.latest = memory.path, saved.latest
         else:
             self.path, _ = paths_of(SamplePaths.of(saved.path))
             self._resume(saved.rows)

@@ -110,11 +110,11 @@ def submit(
     """
     within_budget(task, training_steps)
     policies = [policy] if isinstance(policy, str) else list(policy)
-    chosen = list(seeds or track.seeds)
+    all_seeds = list(seeds or track.seeds)
     now = clock()
     started = now()
     content = about(task, track, policies, name)
-    measured, interrupted = _measured(task, track, policies, chosen, jobs, on_run)
+    measured, interrupted = _measured(task, track, policies, all_seeds, jobs, on_run)
     with suppress(KeyboardInterrupt), undisturbed():  # what has been flown is written
         manifest = {
             **content,
@@ -202,21 +202,21 @@ def _measured(
 ) -> tuple[list[Measured], bool]:
     """Return what was measured, training by training, and whether Ctrl-C has ended it early."""
     runs = [(number, seed) for seed in seeds for number in range(len(policies))]
-    done: dict[tuple[int, int], Measured] = {}
+    measured_of: dict[tuple[int, int], Measured] = {}
     interrupted = False
     try:
         tasks = [(task, track, policies[number], seed) for number, seed in runs]
         with closing(run_each(measure, tasks, jobs)) as ended:
             for run, measured in ended:
-                done[runs[run]] = measured
+                measured_of[runs[run]] = measured
                 on_run()
     except KeyboardInterrupt:
         interrupted = True
-    whole = [seed for seed in seeds if all((n, seed) in done for n in range(len(policies)))]
+    whole = [seed for seed in seeds if all((n, seed) in measured_of for n in range(len(policies)))]
     if not whole:
         raise KeyboardInterrupt
     return [
-        replace(done[n, seed], row={submission.TRAINING: n} | done[n, seed].row)
+        replace(measured_of[n, seed], row={submission.TRAINING: n} | measured_of[n, seed].row)
         for n in range(len(policies))
         for seed in whole
     ], interrupted

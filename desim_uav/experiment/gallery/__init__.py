@@ -124,10 +124,10 @@ def gallery(names: Sequence[str] = (), show_progress: bool = False) -> list[Comp
         if name not in ENTRIES:
             hint = did_you_mean(name, ENTRIES)
             raise UsageError(f"no such paper: {name!r}{hint}; there are {', '.join(ENTRIES)}")
-    chosen = list(dict.fromkeys(names)) or list(ENTRIES)
+    papers = list(dict.fromkeys(names)) or list(ENTRIES)
     compared = []
-    with progress(show_progress, len(chosen), "papers") as advance:
-        for name in chosen:
+    with progress(show_progress, len(papers), "papers") as advance:
+        for name in papers:
             compared.append(Compared(name, ENTRIES[name].paper, tuple(ENTRIES[name].rows())))
             advance()
     return compared

@@ -195,8 +195,8 @@ def read_row(out: Path, columns: Mapping[str, str], job: str) -> JobRow | None:
         return None
     if not table.schema.equals(schema) or table.column("job").to_pylist() != [job]:
         return None
-    row, kept = dict(table.to_pylist()[0]), table.schema.metadata or {}
-    return row if kept.get(DIGEST) == of_row(row).encode() else None
+    row, metadata = dict(table.to_pylist()[0]), table.schema.metadata or {}
+    return row if metadata.get(DIGEST) == of_row(row).encode() else None
 
 
 def _schema(columns: Mapping[str, str]) -> pa.Schema:

@@ -99,11 +99,11 @@ def axes(values: Overrides) -> list[Axis]:
 def combinations(swept: Sequence[Axis]) -> Iterator[Combination]:
     """Yield every combination; the values of the last key change first."""
     for values in product(*(axis.values for axis in swept)):
-        chosen = list(zip(swept, values, strict=True))
+        pairs = list(zip(swept, values, strict=True))
         yield Combination(
-            tuple(f"{axis.key}={value.text}" for axis, value in chosen),
-            {axis.key: axis.cell(value.plain) for axis, value in chosen},
-            tuple(f"{axis.key}={value.text}" for axis, value in chosen if len(axis.values) > 1),
+            tuple(f"{axis.key}={value.text}" for axis, value in pairs),
+            {axis.key: axis.cell(value.plain) for axis, value in pairs},
+            tuple(f"{axis.key}={value.text}" for axis, value in pairs if len(axis.values) > 1),
         )
 
 

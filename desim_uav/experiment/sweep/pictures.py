@@ -42,8 +42,8 @@ def plot_sweep(
         titles = {name: (COMPARED | OF_ENERGY)[name][0] for name in measures}
         return intervals_figure(table["estimates"], table["policies"], titles, False)
     value_at = _values_at(key or ())
-    held = {name: value for name, value in value_at.items() if value is not None}
-    return sweep_figure(content(chosen_keys(results, value_at), held), measures)
+    fixed = {name: value for name, value in value_at.items() if value is not None}
+    return sweep_figure(content(chosen_keys(results, value_at), fixed), measures)
 
 
 def sweep_report(folder: Path, title: str | None) -> str:
@@ -51,13 +51,13 @@ def sweep_report(folder: Path, title: str | None) -> str:
     from desim_uav.report.sweep_page import Swept, sweep_page
 
     results = read_sweep(folder)
-    held: dict[str, str | None] = {
+    fixed: dict[str, str | None] = {
         key: word(values[0]) for key, values in list(results.keys.items())[MOST_KEYS:]
     }
     left_out, table = "", {}
     try:
-        chosen = chosen_keys(results, held) if results.keys else results
-        table = content(chosen, held)
+        rest = chosen_keys(results, fixed) if results.keys else results
+        table = content(rest, fixed)
     except UsageError as error:
         left_out = f"There is no figure. {error}"
     return sweep_page(

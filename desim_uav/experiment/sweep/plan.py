@@ -222,8 +222,8 @@ def _prepared(
     """
     scenario = at_once(plan.given.load, settings)
     with plan.given.located(settings):
-        drawn = scenario.model_copy(update={"seed": plan.seeds[0]})
-        world = at_once(build_world, drawn, drawn.effective_world_seed)
+        first = scenario.model_copy(update={"seed": plan.seeds[0]})
+        world = at_once(build_world, first, first.effective_world_seed)
         engine = plan.engine
         if engine == "auto" and engine_for(world, reasons.setdefault) == "des":
             engine = "des"

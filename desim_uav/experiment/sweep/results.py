@@ -116,13 +116,13 @@ def is_sweep(folder: Path) -> bool:
     return (folder / RESULTS).is_dir() and (folder / MANIFEST).is_file()
 
 
-def content(results: SweepResults, held: Mapping[str, Any]) -> dict[str, Any]:
+def content(results: SweepResults, fixed: Mapping[str, Any]) -> dict[str, Any]:
     """Return the data of a sweep's figure, as plain data."""
     return {
         "scenario": results.scenario,
         "episodes": results.manifest["episodes"],
         "keys": results.keys,
-        "held": {key: word(value) for key, value in held.items()},
+        "held": {key: word(value) for key, value in fixed.items()},
         "policies": results.policies,
         "estimates": results.estimates(),
     }
@@ -156,10 +156,10 @@ def chosen_keys(results: SweepResults, value_at: Mapping[str, str | None]) -> Sw
     if not rows:
         raise PolicyError(f"{results.folder}: no job with these values has ended")
     order = [*(key for key, text in value_at.items() if text is None), *free]
-    chosen = replace(results, rows=rows, order=tuple(dict.fromkeys(order)))
-    if not chosen.keys:
+    selection = replace(results, rows=rows, order=tuple(dict.fromkeys(order)))
+    if not selection.keys:
         raise UsageError(f"{results.folder}: no key is left that varies, so there is no figure")
-    return chosen
+    return selection
 
 
 def _named(key: str, text: str, values: Sequence[Any]) -> Any:

@@ -81,10 +81,10 @@ def sweep_to_folder(
             if interrupted:  # perhaps after a row was written and before it was noted here
                 finished = folder.rows(todo)
             rows = [finished[job.id] for job in todo if job.id in finished]
-            done = Done(out, swept, todo, rows, failures, interrupted)
+            results = Done(out, swept, todo, rows, failures, interrupted)
             folder.list_failures(failures)
-            write_whole(out / "table.md", done.markdown(command).encode())
-    return done
+            write_whole(out / "table.md", results.markdown(command).encode())
+    return results
 
 
 def _check_backend(name: str, address: str | None) -> None:

@@ -129,8 +129,8 @@ def train_in_memory(
 def begin(scenario: Scenario, engine: str = "auto", command: Sequence[str] = ()) -> TrainingCourse:
     """Begin a training; ``engine`` is auto (that of ``engine_for``), des or batch."""
     world = at_once(build_world, scenario, scenario.effective_world_seed)
-    chosen = engine_for(world) if engine == "auto" else engine
-    return TrainingCourse(Training(world, scenario.seed, chosen), command)
+    kind = engine_for(world) if engine == "auto" else engine
+    return TrainingCourse(Training(world, scenario.seed, kind), command)
 
 
 def learn(

@@ -189,8 +189,8 @@ class RowDemand:
     ) -> Requests:
         """Return the requests of one episode, with one random stream per user."""
         states = streams.states(users)[np.newaxis]
-        drawn: Requests = RowDraws(self, services, horizon_us).of(states)[0]
-        return drawn
+        requests: Requests = RowDraws(self, services, horizon_us).of(states)[0]
+        return requests
 
 
 def from_now(demand: Any, now_us: int) -> Any:
@@ -472,10 +472,10 @@ class RowDraws:
 def _what_is_wrong(asking: Asking) -> str:
     """Return a description of the invalid draw of a user."""
     user, asker = asking.lost - 1, asking.asker
-    drawn = (
+    draws = (
         f"wait {asker.wait_us} µs, service {asker.service}, {asker.required_us} µs, "
         f"{asker.bandwidth_bps} bit/s"
     )
     if asker.draws > MOST_IDLE:
-        return f"no time passes between the requests of user {user} ({drawn})"
-    return f"user {user} drew what is no request: {drawn}"
+        return f"no time passes between the requests of user {user} ({draws})"
+    return f"user {user} drew what is no request: {draws}"

@@ -183,8 +183,8 @@ def tapered(
         return min(full, battery + int(power * elapsed_us))
     tau_us = (1.0 - taper_from) * capacity / power
     missing = capacity - max(float(battery), knee)
-    held = capacity - missing * math.exp((linear_us - elapsed_us) / tau_us)
-    return max(battery, min(full, int(held)))
+    charge = capacity - missing * math.exp((linear_us - elapsed_us) / tau_us)
+    return max(battery, min(full, int(charge)))
 
 
 @kernel

@@ -205,11 +205,11 @@ def entry_into(prisms: Prisms, b: int, start: Point, stop: Point) -> float:
         begin, end = _cut(nx * x0 + ny * y0 - at, nx * x1 + ny * y1 - at, begin, end)
     if not begin < end:
         return np.inf
-    held = depth(prisms, b, start) if begin == 0.0 else 0.0
+    depth_m = depth(prisms, b, start) if begin == 0.0 else 0.0
     deepest = depth(prisms, b, _between(start, stop, 0.5 * (begin + end)))
     if end == 1.0:
         deepest = max(deepest, depth(prisms, b, stop))
-    return begin if deepest > max(held, TOUCH_M) else np.inf
+    return begin if deepest > max(depth_m, TOUCH_M) else np.inf
 
 
 @part

@@ -264,9 +264,9 @@ def are_clear(air: Air) -> bool:
 
 
 @rule
-def begin_user(link: Link, held: int) -> None:
-    """Begin with the next user, whose class has been ``held`` before the span."""
-    link.began, link.held, link.state = link.rows, held, -1
+def begin_user(link: Link, before: int) -> None:
+    """Begin with the next user, whose class was ``before`` until the span."""
+    link.began, link.held, link.state = link.rows, before, -1
     link.sought = int(link.out != 0)
 
 

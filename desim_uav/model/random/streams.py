@@ -193,15 +193,15 @@ def as_uniform(word: np.uint64) -> float:
 @maker
 def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
     """Return the next ``count`` uniform numbers of each stream: (streams, count)."""
-    drawn = np.empty((len(states), count))
+    numbers = np.empty((len(states), count))
     for stream in range(len(states)):
         own = states[stream]
         state = (own[0], own[1], own[2], own[3])  # in registers
         for k in range(count):
             word, state = advanced(state)
-            drawn[stream, k] = as_uniform(word)
+            numbers[stream, k] = as_uniform(word)
         own[0], own[1], own[2], own[3] = state
-    return drawn
+    return numbers
 
 
 # ---- streams of components over rows

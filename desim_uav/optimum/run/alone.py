@@ -237,15 +237,15 @@ def _induce(
     for t in range(steps - 1, -1, -1):
         pay = paid[t % len(paid)]
         for place in range(places):
-            values, chosen, earned = now[place], decisions[t, place], pay[over[place]]
-            values[:], chosen[:] = NEVER, 0
+            values, choices, earned = now[place], decisions[t, place], pay[over[place]]
+            values[:], choices[:] = NEVER, 0
             for k in range(ahead.shape[1]):
                 to = ahead[place, k]
                 if to >= 0:
                     paid_for = earned[k if k < len(earned) else 0]
-                    _offer(paid_for, later[to, shift:], k, values, chosen)
+                    _offer(paid_for, later[to, shift:], k, values, choices)
             if limited:
-                _offer_battery(alone, t, place, far, earned, (landed, resumed), (values, chosen))
+                _offer_battery(alone, t, place, far, earned, (landed, resumed), (values, choices))
         for s in range(len(stations)):
             waits[t, s] = may_wait and landed[t + 1, s] > now[stations[s], 0]
             landed[t, s] = landed[t + 1, s] if waits[t, s] else now[stations[s], 0]
@@ -261,14 +261,14 @@ def _offer(
     later: NDArray[np.float64],
     decision: int,
     values: NDArray[np.float64],
-    chosen: NDArray[np.int16],
+    choices: NDArray[np.int16],
 ) -> None:
     """Choose a decision in the states, by steps since the battery was full, where it is better."""
     for j in range(len(later)):
         value = pay + later[j]
         better = value > values[j]
         values[j] = value if better else values[j]
-        chosen[j] = decision if better else chosen[j]
+        choices[j] = decision if better else choices[j]
 
 
 @maker
@@ -285,22 +285,22 @@ def _offer_battery(
 
     ``later`` has the values with a full battery: on each station, and on the best one.
     """
-    (landed, resumed), (values, chosen) = later, best
+    (landed, resumed), (values, choices) = later, best
     _offer_doomed(alone, t, place, earned, resumed, best)
     for j in range(len(values)):
         if resumed[t + alone.crash[j]] > values[j]:
-            values[j], chosen[j] = resumed[t + alone.crash[j]], CRASH
+            values[j], choices[j] = resumed[t + alone.crash[j]], CRASH
     for s in range(len(alone.stations)):
         if alone.stations[s] == place:
             for j in range(1, len(values)):
                 value = landed[t + alone.charge[j], s]
                 if value > values[j]:
-                    values[j], chosen[j] = value, CHARGE
+                    values[j], choices[j] = value, CHARGE
         for j in range(far, len(values)):
             if alone.home[place, s, j] > 0:
                 value = landed[t + alone.home[place, s, j], s]
                 if value > values[j]:
-                    values[j], chosen[j] = value, HOME + s
+                    values[j], choices[j] = value, HOME + s
 
 
 @maker
@@ -313,13 +313,13 @@ def _offer_doomed(
     best: tuple[NDArray[np.float64], NDArray[np.int16]],
 ) -> None:
     """Choose a leg that ends in a crash where this is better."""
-    values, chosen = best
+    values, choices = best
     for j in range(alone.doomed, len(values)):
         for k in range(len(earned)):
             if alone.ahead[place, k] >= 0:
                 value = resumed[t + alone.crash[j]] + earned[k]
                 if value > values[j]:
-                    values[j], chosen[j] = value, -1 - k
+                    values[j], choices[j] = value, -1 - k
 
 
 def follow(

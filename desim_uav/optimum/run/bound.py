@@ -83,13 +83,13 @@ class BoundedRun:
         self.steps = steps * episodes
         stretch = self.steps if world.scenario.episode.carry_over else steps
         if type(world.scenario.users.mobility) is Static:
-            walks, kept = [self.paths[0].walks], 1
+            walks, steps_each = [self.paths[0].walks], 1
         else:
-            walks, kept = [path.walks for path in self.paths], steps
+            walks, steps_each = [path.walks for path in self.paths], steps
         types = [
             SamePrices(
                 alone_of(kind, world.step_us, stretch),
-                shares_of(world, kind, walks, kept, on_work),
+                shares_of(world, kind, walks, steps_each, on_work),
                 _starts(world, kind),
             )
             for kind in _kinds(world)
@@ -131,13 +131,13 @@ class BoundedRun:
         chains = asked_in(requests, self.world.scenario.episode.steps, self.world.step_us)
         if not len(chains.required):
             return None
-        prices, done = np.full((self.steps, len(self.world.homes)), SERVED_PRICE), 0
+        prices, rounds = np.full((self.steps, len(self.world.homes)), SERVED_PRICE), 0
 
         def go_on(lowest: float) -> bool:
-            nonlocal done
-            done += 1
+            nonlocal rounds
+            rounds += 1
             self.on_work()
-            return done < self.rounds and (done < TRIED or lowest < 1.0)
+            return rounds < self.rounds and (rounds < TRIED or lowest < 1.0)
 
         bound = lowest_bound(Served(chains), self.fleet, prices, go_on)
         # Each request may be served for a little longer in each step of its episode.

@@ -98,7 +98,7 @@ def shares_of(
         for heading in HEADINGS
     )
     radius_m, dense = kind.drones.footprint_radius_m, np.zeros((*ahead.shape, users))
-    buffer, sizes, kept = np.empty((8 * users + 8, 3), np.int64), [np.zeros(1, np.int64)], 0
+    buffer, sizes, total = np.empty((8 * users + 8, 3), np.int64), [np.zeros(1, np.int64)], 0
     numbers: list[NDArray[np.int32]] = []
     shares: list[NDArray[np.float64]] = []
     for walks in episodes:
@@ -110,8 +110,8 @@ def shares_of(
             ) > len(buffer):
                 buffer = np.empty((most, 3), np.int64)
             _, _, covered = np.nonzero(dense)
-            kept += len(covered)
-            if kept > MOST_SHARES:
+            total += len(covered)
+            if total > MOST_SHARES:
                 raise UsageError(
                     f"users.count: {users} users over {nx * ny} cells have more than {MOST_SHARES} "
                     "shares of steps in this run; bound fewer episodes"

@@ -84,7 +84,7 @@ class TeamSchedule:
     def improve(self, turns: int, on_turn: Callable[[], None]) -> None:
         """Give each drone in turn the best flights beside those of the others."""
         paid = np.empty((self.steps, self.world.grid.height_m.size, len(HEADINGS)))
-        best, kept = -1.0, list(self.plans)
+        best, best_plans = -1.0, list(self.plans)
         for _ in range(turns):
             for drone, start in enumerate(self.starts):
                 missed = np.prod(1.0 - np.delete(self.covered, drone, 0).clip(0.0, 1.0), axis=0)
@@ -96,8 +96,8 @@ class TeamSchedule:
             total = float((1.0 - np.prod(1.0 - self.covered, axis=0)).sum())
             if total <= best:
                 break
-            best, kept = total, list(self.plans)
-        self.plans = kept
+            best, best_plans = total, list(self.plans)
+        self.plans = best_plans
 
     def play(self, paths: Sequence[SamplePath]) -> list[float]:
         """Play the schedule in the SimPy engine; return the QoE3 of each episode, in percent."""

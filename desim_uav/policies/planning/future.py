@@ -92,8 +92,8 @@ class _Draws:
             return Requests(none, np.zeros(users + 1, np.int64), True)
         streams = self._streams(REQUESTS)
         onward = from_now(demand, self.step * self.world.step_us)
-        drawn = onward.requests(users, self.world.services, streams, self.world.horizon_us)
-        return _without_first(drawn) if after_previous else drawn
+        requests = onward.requests(users, self.world.services, streams, self.world.horizon_us)
+        return _without_first(requests) if after_previous else requests
 
     def errors(self, path: SamplePath) -> NDArray[np.float64] | None:
         """Return the position errors, of which those after now are new."""
@@ -101,10 +101,10 @@ class _Draws:
         if errors is None or noise is None:
             return None
         rng = self._streams(NOISE).generator(0)
-        drawn = rng.normal(0.0, noise.sigma_cells, errors.shape)
-        drawn = np.where(rng.random(errors.shape) < noise.probability, drawn, 0.0)
-        drawn[:, : self.step + 1] = errors[:, : self.step + 1]
-        return drawn
+        normals = rng.normal(0.0, noise.sigma_cells, errors.shape)
+        normals = np.where(rng.random(errors.shape) < noise.probability, normals, 0.0)
+        normals[:, : self.step + 1] = errors[:, : self.step + 1]
+        return normals
 
     def respawns(self, path: SamplePath) -> NDArray[np.int64]:
         """Return new stations for drones that are replaced."""
@@ -138,17 +138,17 @@ def _joined(true: Walks, new: Walks, now_us: int) -> Walks:
     return Walks(np.ascontiguousarray(legs), np.concatenate([[0], np.cumsum(counts)]))
 
 
-def _without_first(drawn: Requests) -> Requests:
+def _without_first(requests: Requests) -> Requests:
     """Return requests without those at the very start, which users have made already."""
-    firsts = drawn.offsets[:-1][np.diff(drawn.offsets) > 0]
-    dropped = firsts[drawn.rows[firsts, DUE_US] == 0]
-    kept = np.ones(len(drawn.rows), bool)
-    kept[dropped] = False
-    counts = np.add.reduceat(kept, firsts) if len(firsts) else np.zeros(0, np.int64)
-    sizes = np.zeros(len(drawn.offsets) - 1, np.int64)
-    sizes[np.diff(drawn.offsets) > 0] = counts
+    firsts = requests.offsets[:-1][np.diff(requests.offsets) > 0]
+    dropped = firsts[requests.rows[firsts, DUE_US] == 0]
+    remains = np.ones(len(requests.rows), bool)
+    remains[dropped] = False
+    counts = np.add.reduceat(remains, firsts) if len(firsts) else np.zeros(0, np.int64)
+    sizes = np.zeros(len(requests.offsets) - 1, np.int64)
+    sizes[np.diff(requests.offsets) > 0] = counts
     offsets = np.concatenate([[0], np.cumsum(sizes)])
-    return Requests(np.ascontiguousarray(drawn.rows[kept]), offsets, drawn.after_previous)
+    return Requests(np.ascontiguousarray(requests.rows[remains]), offsets, requests.after_previous)
 
 
 def _asking_anew(rows: Rows, requests: Requests, horizon_us: int) -> Rows:

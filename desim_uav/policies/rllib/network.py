@@ -110,16 +110,18 @@ class Network:
                 explore=False,
                 shared_data=self._shared,
             )
-        chosen = output.pop(Columns.ACTIONS)[0]
+        actions = output.pop(Columns.ACTIONS)[0]
         extra = {
-            agent: {column: one[0][agent] for column, one in output.items()} for agent in chosen
+            agent: {column: one[0][agent] for column, one in output.items()} for agent in actions
         }
         for agent, mask in allowed.items():
-            if not mask[chosen[agent]]:  # of a network that knows no masks: what it would else take
+            if not mask[
+                actions[agent]
+            ]:  # of a network that knows no masks: what it would else take
                 logits = extra[agent][Columns.ACTION_DIST_INPUTS]
-                chosen[agent] = np.where(mask, logits, -np.inf).argmax()
-        self._last = chosen, extra
-        return [int(chosen[agent]) for agent in self._agents]
+                actions[agent] = np.where(mask, logits, -np.inf).argmax()
+        self._last = actions, extra
+        return [int(actions[agent]) for agent in self._agents]
 
     def _go_on(self, rows: dict[str, NDArray[Any]], allowed: dict[str, NDArray[np.int8]]) -> None:
         """Add the present observations to the episode."""

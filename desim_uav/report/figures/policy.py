@@ -70,10 +70,10 @@ def policy_figure(
     values = np.concatenate([s.value[s.learned] for s in slices] or [np.zeros(1)])
     low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
     world = world_content(read.world)
-    drawn: Any = None
+    image: Any = None
     for axes, number, slice_ in zip(panels, drones, slices, strict=True):
         shade = np.where(slice_.learned, slice_.value, np.nan)
-        drawn = draw_field(axes, world, shade, cmap=SHADES, vmin=low, vmax=high)
+        image = draw_field(axes, world, shade, cmap=SHADES, vmin=low, vmax=high)
         draw_cells(axes, world)
         mark_cells(axes, world, slice_.built, "building", **BUILT)
         mark_cells(axes, world, ~slice_.learned & ~slice_.built, "nothing learned", **NEVER)
@@ -81,7 +81,7 @@ def policy_figure(
         _draw_actions(axes, read, slice_)
         axes.set_title(f"drone {number}")
     headed(figure, _title(read, battery_min, level))
-    figure.colorbar(drawn, ax=panels, shrink=0.8, label="value of the best action")
+    figure.colorbar(image, ax=panels, shrink=0.8, label="value of the best action")
     figure.legend(handles=_legend(slices, read), loc="outside lower center", ncols=4)
     return figure
 
@@ -173,13 +173,13 @@ class Reading:
         q, first = (of[drone].reshape(shape)[index] for of in (self.table.q, self._beginning))
         legal = self._legal(drone, battery_min, level)
         best = np.where(legal, q, -np.inf).argmax(axis=2)
-        chosen = best[:, :, None]
+        best_at = best[:, :, None]
         changed = q != first
         return Slice(
             best,
-            np.take_along_axis(q, chosen, 2)[:, :, 0].astype(float),
+            np.take_along_axis(q, best_at, 2)[:, :, 0].astype(float),
             changed.any(axis=2),
-            np.take_along_axis(changed, chosen, 2)[:, :, 0],
+            np.take_along_axis(changed, best_at, 2)[:, :, 0],
             self.world.grid.blocked[level or 0],
         )
 

@@ -328,11 +328,11 @@ def _width(number: int) -> float:
 
 def _apart(places: Iterable[tuple[int, float]], gap: float) -> list[tuple[int, float]]:
     """Return the classes whose lines are far enough from those already chosen, the lowest first."""
-    chosen: list[tuple[int, float]] = []
+    lines: list[tuple[int, float]] = []
     for number, place in places:
-        if place > gap and (not chosen or chosen[-1][1] - place >= gap):
-            chosen.append((number, place))
-    return chosen
+        if place > gap and (not lines or lines[-1][1] - place >= gap):
+            lines.append((number, place))
+    return lines
 
 
 def _write_class(axes: Axes, number: int, x: float, y: float) -> None:

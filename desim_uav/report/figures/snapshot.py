@@ -73,8 +73,8 @@ def snapshot_figure(
     _draw_zones(axes, run.world)
     _draw_buildings(axes, world)
     _draw_drones(axes, playback, moment)
-    for drawn in (*axes.lines, *axes.collections):
-        drawn.set_clip_on(False)  # the axes are narrower than the map that they show
+    for artist in (*axes.lines, *axes.collections):
+        artist.set_clip_on(False)  # the axes are narrower than the map that they show
     figure.suptitle(
         f"{run.name}, episode {episode}, minute {t_us / US / 60:g}", y=0.985, fontsize=9.5
     )

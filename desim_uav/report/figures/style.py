@@ -61,13 +61,13 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     """Make a function draw in the common style, independent of the user's own settings."""
 
     @wraps(draw)
-    def drawn(*args: P.args, **kwargs: P.kwargs) -> T:
+    def in_style(*args: P.args, **kwargs: P.kwargs) -> T:
         with mpl.rc_context():
             mpl.rcdefaults()
             mpl.rcParams.update(mpl.rc_params_from_file(STYLE, use_default_template=False))
             return draw(*args, **kwargs)
 
-    return drawn
+    return in_style
 
 
 def ending(out: Path, option: str = "--out") -> str:

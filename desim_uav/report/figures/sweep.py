@@ -119,12 +119,14 @@ def _draw_lines(axes: Axes, content: Content, measure: str, policy: str | None) 
             dressed["linestyle"] = "none"
         at = places[there] + APART * span * (number - (len(series) - 1) / 2)
         axes.plot(at, [p["mean"] for p in points], label=_word(of), **dressed)
-        drawn = [k for k, p in enumerate(points) if p["half_width"]]
-        if drawn:
-            means = [points[k]["mean"] for k in drawn]
-            wide = [points[k]["half_width"] for k in drawn]
+        with_interval = [k for k, p in enumerate(points) if p["half_width"]]
+        if with_interval:
+            means = [points[k]["mean"] for k in with_interval]
+            wide = [points[k]["half_width"] for k in with_interval]
             colour = dressed["color"]
-            axes.errorbar(at[drawn], means, wide, ls="none", capsize=3, color=colour, lw=1.1)
+            axes.errorbar(
+                at[with_interval], means, wide, ls="none", capsize=3, color=colour, lw=1.1
+            )
     if not numbers:
         axes.set_xticks(places, [_word(value) for value in values])
         axes.set_xlim(-0.5, len(values) - 0.5)

@@ -110,13 +110,13 @@ def _draw(
     axes.plot(episodes, mean, label=label, **dressed)
 
 
-def _explain(axes: Axes, drawn: Axes, window: int, seeds: Sequence[int]) -> None:
+def _explain(axes: Axes, panel: Axes, window: int, seeds: Sequence[int]) -> None:
     """Write the legend into the last panel; ``seeds`` has the number of seeds of each curve."""
     axes.set_axis_off()
     title = f"running means over {window} episode(s)"
     title += "\nbands: ± 1 standard deviation over seeds" if max(seeds) > 1 else ""
     title += "\none seed allows no band" if min(seeds) == 1 else ""
-    handles, names = drawn.get_legend_handles_labels()
+    handles, names = panel.get_legend_handles_labels()
     legend = axes.legend(handles, names, loc="center", title=title, fontsize=9, title_fontsize=8)
     legend.set_alignment("left")
 
