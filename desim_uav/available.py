@@ -82,8 +82,8 @@ def _of_address_space() -> float:
         for kind, used in ((resource.RLIMIT_AS, pages[0]), (resource.RLIMIT_DATA, pages[5])):
             limit, _ = resource.getrlimit(kind)
             if limit != resource.RLIM_INFINITY:
-                taken = float(used) * os.sysconf("SC_PAGE_SIZE")
-                left = min(left, max(0.0, limit - taken))
+                used_bytes = float(used) * os.sysconf("SC_PAGE_SIZE")
+                left = min(left, max(0.0, limit - used_bytes))
     return left
 
 
@@ -92,8 +92,8 @@ def _left_in(folder: Path) -> float:
     left = math.inf
     for limit, used, reclaimable in MEMORY:
         with suppress(OSError, ValueError):
-            whole, taken = (float((folder / file).read_text()) for file in (limit, used))
-            left = min(left, max(0.0, whole - max(0.0, taken - _entry(folder, reclaimable))))
+            whole, used_bytes = (float((folder / file).read_text()) for file in (limit, used))
+            left = min(left, max(0.0, whole - max(0.0, used_bytes - _entry(folder, reclaimable))))
     return left
 
 

@@ -34,10 +34,10 @@ def run_one(
 ) -> Kept:
     """Run on one seed, in memory or into a folder; or continue the run in a folder, a Path."""
     if isinstance(place, Path):
-        begun = resuming.begun(prepared, how, place)
-        if begun.done == how.episodes:
+        continuation = resuming.begun(prepared, how, place)
+        if continuation.done == how.episodes:
             return InFolder(place)
-        outcome = command.write_run(prepared, how, Replaced(place), advance, begun)
+        outcome = command.write_run(prepared, how, Replaced(place), advance, continuation)
         return InFolder(Path(outcome.summary["run_dir"]), outcome)
     if place is not None:
         outcome = command.write_run(prepared, how, place, advance)

@@ -88,10 +88,10 @@ class FreeCommands(AlikeCommands):
         if self.actions[index] is not Action.FLY:
             return index
         names = self._names(self.own(drone))
-        needed = [name for name in names if name != CHARGE]
+        needs = [name for name in names if name != CHARGE]
         for name, value in values.items():
-            if name in needed and value is None:
-                raise CommandError(f"{name}: missing; to fly takes {', '.join(needed)}")
+            if name in needs and value is None:
+                raise CommandError(f"{name}: missing; to fly takes {', '.join(needs)}")
             if name not in names and value:
                 raise CommandError(f"{name}: {value:g}: to fly takes {', '.join(names)} only")
         return [0.0 if (value := values[name]) is None else value for name in names]

@@ -184,10 +184,10 @@ class Ahead:
             file.write(pickled)
             file.seek(0)
             program = [sys.executable, "-c", PROGRAM, str(its.fileno())]
-            passed = (its.fileno(), lock.file.fileno())
+            descriptors = (its.fileno(), lock.file.fileno())
             nowhere = subprocess.DEVNULL
             self.process = subprocess.Popen(
-                program, stdin=file, stdout=nowhere, stderr=nowhere, pass_fds=passed
+                program, stdin=file, stdout=nowhere, stderr=nowhere, pass_fds=descriptors
             )
             lock.name(self.process.pid)
 

@@ -68,9 +68,9 @@ def _energy(simulation: Simulation) -> None:
     """
     drones = simulation.drones
     in_joules = [one for one in drones if simulation.world.type_of(one.index).in_joules]
-    lost = sum(one.began - one.charge + one.counted for one in in_joules)
+    losses = sum(one.began - one.charge + one.counted for one in in_joules)
     used, gained = simulation.energy_uj()
-    assert used - gained == lost, "energy of all drones together"
+    assert used - gained == losses, "energy of all drones together"
 
 
 def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
@@ -155,14 +155,14 @@ def _work(world: Constants, state: State, request: Request) -> None:
     first = world.first_stages[request.service]
     stages = world.stages[first : first + request.stages]
     assert 0 <= request.stage < request.stages, "a stage that there is not"
-    passed = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
+    amounts = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
     if request.stages > 1:
         assert request.required == drawn_amount(stages[request.stage], request.drawn, 0) > 0
     assert 0 <= request.done <= request.required, "served more than requested"
     if request.server >= 0:
         done = request.done + request.rate * (state.now_us - request.counted_us)
         assert done < request.required + request.rate, "served more than requested"
-    times_us = sum(us for us, one in zip(passed, stages, strict=False) if one.timed)
+    times_us = sum(us for us, one in zip(amounts, stages, strict=False) if one.timed)
     times_us += request.done if stages[request.stage].timed else 0
     assert times_us <= request.served_us, "more time is done than served"
     if all(one.timed for one in stages[: request.stage + 1]):

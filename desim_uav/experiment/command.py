@@ -160,17 +160,17 @@ def write_run(
     how: How,
     place: RunPlace,
     advance: Callable[[], None] = lambda: None,
-    begun: Begun | None = None,
+    continuation: Begun | None = None,
 ) -> Done:
     """Run a policy and write the tables into the run folder while it runs.
 
-    ``begun``: the run of which this is the continuation (see ``resume``). Raises
+    ``continuation``: the run of which this is the continuation (see ``resume``). Raises
     KeyboardInterrupt, and writes nothing, if Ctrl-C is pressed before the first counted episode has
     ended.
     """
     with place.draft() as draft:
         with draft.tables() as write:
-            recorded = record(prepared, how, write, advance, begun)
+            recorded = record(prepared, how, write, advance, continuation)
         recorded.write(draft)
         run_dir = place.publish(draft)
     return Done(
@@ -183,7 +183,7 @@ def record(
     how: How,
     write: Write,
     advance: Callable[[], None] = lambda: None,
-    begun: Begun | None = None,
+    continuation: Begun | None = None,
 ) -> Recorded:
     """Run a policy; ``write`` is called with the tables of episodes when they have ended.
 
@@ -198,15 +198,15 @@ def record(
         how.warmup,
         how.keep_events,
         how.engine,
-        None if begun is None else begun.first,
+        None if continuation is None else continuation.first,
     )
-    if begun is None:
+    if continuation is None:
         return record_episodes(prepared, how, episodes, write, advance)
-    for _ in range(-how.warmup, begun.first):
+    for _ in range(-how.warmup, continuation.first):
         advance()
-    missing = begun.missing(prepared, episodes, how.keep_events, advance)
-    recorded = record_episodes(prepared, how, missing, write, advance, begun)
-    recorded.manifest["resumed_at"] = begun.done
+    missing = continuation.missing(prepared, episodes, how.keep_events, advance)
+    recorded = record_episodes(prepared, how, missing, write, advance, continuation)
+    recorded.manifest["resumed_at"] = continuation.done
     return recorded
 
 
@@ -216,23 +216,23 @@ def record_episodes(
     episodes: Iterable[run.Played],
     write: Write,
     advance: Callable[[], None] = lambda: None,
-    begun: Begun | None = None,
+    continuation: Begun | None = None,
 ) -> Recorded:
     """Record the episodes of a policy as ``record`` does, whoever plays them.
 
-    ``begun``: the run that these episodes continue.
+    ``continuation``: the run that these episodes continue.
     """
     world, policy, seed = prepared.world, prepared.policy, prepared.scenario.seed
     now = clock()
     started = now()
-    played_by: Counter[str] = Counter({} if begun is None else begun.played_by())
+    played_by: Counter[str] = Counter({} if continuation is None else continuation.played_by())
 
     def noted() -> Iterator[run.Played]:
         for log, path in episodes:
             played_by[log.engine] += log.episode >= 0
             yield log, path
 
-    tally, by_service = _write_tables(world, noted(), how.keep_events, write, advance, begun)
+    tally, by_service = _write_tables(world, noted(), how.keep_events, write, advance, continuation)
     if not tally.episodes:
         raise KeyboardInterrupt
     settings = run.run_settings(world, policy, how.keep_events)
@@ -265,7 +265,7 @@ def _write_tables(
     keep_events: bool,
     write: Write,
     advance: Callable[[], None],
-    begun: Begun | None,
+    continuation: Begun | None,
 ) -> tuple[run.Tally, qoe.Groups]:
     """Write the tables of episodes when they have ended, with one batch in memory at a time.
 
@@ -273,8 +273,8 @@ def _write_tables(
     ends the run after the current episode.
     """
     tally, by_service = run.Tally(), qoe.Groups("service")
-    rest = Rest() if begun is None else begun.rest()
-    for name, part in () if begun is None else begun.parts():
+    rest = Rest() if continuation is None else continuation.rest()
+    for name, part in () if continuation is None else continuation.parts():
         write(name, part)
         if name == "requests":
             tally.add(part, to_frame(EPISODES, []))

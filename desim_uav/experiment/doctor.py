@@ -98,16 +98,16 @@ def _of_extra(extra: str) -> list[Requirement]:
 
 
 def _required() -> Iterator[Check]:
-    needed = _of_extra("")
-    if not needed:
+    requirements = _of_extra("")
+    if not requirements:
         yield Check("note", "packages", "not installed by pip, so versions are not checked")
-    wrong = [words for one in needed if (words := _misfit(one))]
+    wrong = [words for one in requirements if (words := _misfit(one))]
     for words in wrong:
         yield Check("problem", "package", f"{words}; pip install --upgrade {PACKAGE}")
-    if needed and not wrong:
+    if requirements and not wrong:
         some = ", ".join(f"{name} {version(name)}" for name in ("simpy", "numpy", "numba"))
-        yield Check("ok", "packages", f"all {len(needed)} have suitable versions ({some}, …)")
-    yield from _broken(one.name for one in needed)
+        yield Check("ok", "packages", f"all {len(requirements)} have suitable versions ({some}, …)")
+    yield from _broken(one.name for one in requirements)
 
 
 def _misfit(requirement: Requirement) -> str | None:

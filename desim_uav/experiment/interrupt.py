@@ -44,16 +44,16 @@ class Stop:
 
     def __init__(self, what: str) -> None:
         self._what = what
-        self._asked = self._now = self._busy = False
+        self._pending = self._now = self._busy = False
 
     def __call__(self) -> bool:
         """Return whether a signal has asked for the end."""
-        return self._asked
+        return self._pending
 
     def note(self, number: int, frame: FrameType | None) -> None:
         """Note a signal; the second one raises KeyboardInterrupt."""
-        if not self._asked:
-            self._asked = True
+        if not self._pending:
+            self._pending = True
             if os.isatty(2):  # without print, as a signal may interrupt another print
                 os.write(
                     2, f"\nending after {self._what}; press Ctrl-C again to end now\n".encode()
@@ -187,14 +187,14 @@ class _Worker(threading.Thread):
     def __init__(self, items: Iterator[Any]) -> None:
         super().__init__(daemon=True)
         self._items = items
-        self._asked: SimpleQueue[bool] = SimpleQueue()
+        self._requests: SimpleQueue[bool] = SimpleQueue()
         self._outcomes: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
         self._busy = False
 
     def run(self) -> None:
         """Make items on demand until ``end`` is called."""
         with suppress(KeyboardInterrupt):  # raised by ``end``, perhaps between two items
-            while self._asked.get():
+            while self._requests.get():
                 try:
                     outcome: tuple[Any, BaseException | None] = next(self._items, _END), None
                 except BaseException as error:  # the main thread raises it again
@@ -204,7 +204,7 @@ class _Worker(threading.Thread):
     def next(self) -> Any:
         """Return the next item, or ``_END``. Raises what making it raised, or KeyboardInterrupt."""
         self._busy = True
-        self._asked.put(True)
+        self._requests.put(True)
         while True:
             try:
                 item, error = self._outcomes.get(timeout=LISTEN_S)
@@ -222,4 +222,4 @@ class _Worker(threading.Thread):
             ctypes.pythonapi.PyThreadState_SetAsyncExc(
                 ctypes.c_ulong(self.ident or 0), ctypes.py_object(KeyboardInterrupt)
             )
-        self._asked.put(False)
+        self._requests.put(False)

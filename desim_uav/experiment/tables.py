@@ -271,8 +271,8 @@ def users_table(paths: Sequence[SamplePath], world: World) -> pd.DataFrame:
 def _way_points(path: SamplePath, world: World) -> NDArray[np.float64]:
     legs, offsets = path.walks
     user = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    begun = legs[:, T0_US] <= world.horizon_us
-    legs, user = legs[begun], user[begun]
+    underway = legs[:, T0_US] <= world.horizon_us
+    legs, user = legs[underway], user[underway]
     last = np.flatnonzero(np.diff(user, append=-1))  # each user's last leg begun in the episode
     goes_on = last[legs[last, T0_US] < world.horizon_us]
     ends = legs[goes_on]

@@ -253,10 +253,10 @@ def as_seen(scenario: Scenario, policy: PolicyLike) -> Scenario:
 
     Nothing else that happens in a run depends on the observation. Raises as ``load_policy`` does.
     """
-    needed = getattr(load_policy(policy), "observation", None)
-    if needed is None or needed == scenario.observation:
+    observation = getattr(load_policy(policy), "observation", None)
+    if observation is None or observation == scenario.observation:
         return scenario
-    return scenario.model_copy(update={"observation": needed})
+    return scenario.model_copy(update={"observation": observation})
 
 
 FILES = {".csv": "script:", ".zip": "sb3:"}

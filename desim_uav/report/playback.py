@@ -99,8 +99,8 @@ class Playback:
     def way_m(self, drone: int, t_us: int) -> Floats:
         """Return the places at which a drone's path begins and bends until an instant, (n, 3)."""
         track = self._tracks[drone]
-        begun = track.starts_us[(track.starts_us > 0) & (track.starts_us < t_us)]
-        return np.array([track.position_m(t) for t in (0, *begun.tolist(), t_us)])
+        starts_us = track.starts_us[(track.starts_us > 0) & (track.starts_us < t_us)]
+        return np.array([track.position_m(t) for t in (0, *starts_us.tolist(), t_us)])
 
     def spans(self, drone: int) -> Iterator[tuple[int, int, Mode]]:
         """Yield a drone's modes one after the other: start and end (µs), and the mode."""
@@ -286,17 +286,17 @@ class Playback:
     def _measures(self, t_us: int, key: int) -> Measures:
         """Return the quality of experience so far, including that of open requests."""
         requests, served, attachments = self._requests, self.services, self.attachments
-        begun = requests.from_key <= key
+        underway = requests.from_key <= key
         held_us = attachments.lasted_us(t_us, key).sum()
         users = len(self.run.world.homes)
         qoe3 = float(100 * held_us / (t_us * users)) if t_us else None
-        if not begun.any():
+        if not underway.any():
             return Measures(None, None, qoe3)
         of_request = np.searchsorted(requests.request_id, served.request_id)
-        served_us = np.bincount(of_request, served.lasted_us(t_us, key), len(begun))[begun]
-        end_s = np.minimum(requests.t_end_s[begun], t_us / US)
-        open_us = (end_s - requests.t_request_s[begun]) * US
-        qoe1 = 100 * float((served_us / US / requests.full_service_s[begun]).mean())
+        served_us = np.bincount(of_request, served.lasted_us(t_us, key), len(underway))[underway]
+        end_s = np.minimum(requests.t_end_s[underway], t_us / US)
+        open_us = (end_s - requests.t_request_s[underway]) * US
+        qoe1 = 100 * float((served_us / US / requests.full_service_s[underway]).mean())
         qoe2 = float((open_us - served_us).mean()) / self.run.world.step_us
         return Measures(qoe1, qoe2, qoe3)
 
@@ -333,5 +333,5 @@ class Spells(NamedTuple):
 
     def lasted_us(self, t_us: int, key: int) -> Ints:
         """Return how long each interval has lasted at an instant."""
-        begun = self.from_key <= key
-        return np.where(begun, np.minimum(self.to_us, t_us) - self.from_us, 0)
+        underway = self.from_key <= key
+        return np.where(underway, np.minimum(self.to_us, t_us) - self.from_us, 0)

@@ -234,12 +234,12 @@ EMPTY = CellType()
 
 def _in_module(code: CodeType, name: str, module: ModuleType) -> Iterator[tuple[str, Any]]:
     """Yield what a function uses of a module, including attributes of attributes."""
-    for loaded in _loaded(code):
-        if loaded[0] == name:
+    for chain in _loaded(code):
+        if chain[0] == name:
             dots, value = 1, cast(Any, module)
-            while _has_values(value) and dots < len(loaded):
-                value, dots = getattr(value, loaded[dots], None), dots + 1
-            yield ".".join(loaded[:dots]), value
+            while _has_values(value) and dots < len(chain):
+                value, dots = getattr(value, chain[dots], None), dots + 1
+            yield ".".join(chain[:dots]), value
 
 
 def _in_module_of_ours(code: CodeType, name: str, module: ModuleType) -> Iterator[tuple[str, Any]]:
@@ -262,7 +262,7 @@ def _has_values(value: Any) -> bool:
 
 def _is_used(code: CodeType, name: str) -> bool:
     """Return whether a value's name is not only the name of some attribute in the code."""
-    return not name.isidentifier() or name in {loaded[0] for loaded in _loaded(code)}
+    return not name.isidentifier() or name in {chain[0] for chain in _loaded(code)}
 
 
 @cache

@@ -80,8 +80,8 @@ def _get_entry(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
     place = _entry(context, builder, sig.args[0], *arguments)
     if isinstance(sig.return_type, Pointer):
         return place
-    loaded = builder.load(number_at(context, builder, place, sig.return_type))
-    return apart(builder, loaded, f"entry {sig.return_type}")
+    entry = builder.load(number_at(context, builder, place, sig.return_type))
+    return apart(builder, entry, f"entry {sig.return_type}")
 
 
 @type_callable(operator.setitem)

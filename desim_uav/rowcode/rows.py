@@ -96,8 +96,8 @@ class Queue(list[T], Generic[T]):
 
     def take(self, entries: Any, first: int, count: int) -> None:
         """Replace all entries by some of a table of a view, whose rows are of numbers."""
-        taken = entries.array[first : first + count].tolist()
-        self[:] = map(maker_of(self.of), taken)
+        rows = entries.array[first : first + count].tolist()
+        self[:] = map(maker_of(self.of), rows)
 
 
 class BoundedTable(Table[T]):

@@ -115,12 +115,12 @@ def _hold(world: Constants, state: State, drone: Drone) -> None:
 @rule
 def count_charge(drone: Drone, charge: int) -> None:
     """Count what a battery, which holds so much now, has lost or gained since it was counted."""
-    lost = drone.charge - charge - drone.counted
-    drone.counted += lost
-    if lost > 0:
-        drone.used += lost
+    loss = drone.charge - charge - drone.counted
+    drone.counted += loss
+    if loss > 0:
+        drone.used += loss
     else:
-        drone.gained -= lost
+        drone.gained -= loss
 
 
 @rule

@@ -156,9 +156,9 @@ def battery_weights(
     if not is_limited(world, drone):
         return 1.0, 0.0, 0.0
     charge, plan = observation.charge, way_back(world, drone, observation.believed)
-    battery_s, return_s, lost = charge / US, plan.drain / US, plan.station < 0
+    battery_s, return_s, no_way = charge / US, plan.drain / US, plan.station < 0
     cost = 1.0
-    if charge > 0 and not lost:
+    if charge > 0 and not no_way:
         cost = return_s / battery_s
         if capped and cost > 1.0:
             cost = 1.0
@@ -167,7 +167,7 @@ def battery_weights(
     c3_us = c2_us / 1.5
     if charge > round(c1_us):
         return 1.0, 0.0, cost
-    if not lost and battery_s > return_s:
+    if not no_way and battery_s > return_s:
         if charge > round(c2_us):
             return 0.8, 0.2, cost
         if charge > round(c3_us):

@@ -97,7 +97,7 @@ class Fixed(Unchanging):
         """Write the addresses, which are valid only in this process."""
         constants: Any = View(self.block, Constants)
         set_functions(constants, self.graded, self.in_air)
-        loaded = []
+        codes = []
         placed = (
             (SLOTS, [constants], [self.components]),
             (TYPE_SLOTS, constants.types, self.types),
@@ -108,10 +108,10 @@ class Fixed(Unchanging):
             for (row, components), slot in product(zip(rows, choices, strict=True), slots_of):
                 if slot.key in components:
                     component = components[slot.key]
-                    loaded.append(compiled(slot.functions, component, self.services))
-                    point_at(row, slot, loaded[-1])
+                    codes.append(compiled(slot.functions, component, self.services))
+                    point_at(row, slot, codes[-1])
         object.__setattr__(self, "at", int(self.block.ctypes.data))
-        object.__setattr__(self, "_loaded", loaded)  # the constants point at their values
+        object.__setattr__(self, "_loaded", codes)  # the constants point at their values
 
     def __setstate__(self, value: dict[str, Any]) -> None:
         """Restore the constants from a pickle, with the addresses of this process."""

@@ -86,14 +86,14 @@ class Task:
 
     def scenario(self, track: BenchTrack) -> Scenario:
         """Return the scenario of a track. Raises ScenarioError if the file has been edited."""
-        loaded = load(self.path)
-        digest = scenario_hash(loaded)
+        scenario = load(self.path)
+        digest = scenario_hash(scenario)
         if digest != self.scenario_hash:
             raise ScenarioError(
                 f"{self.path}: the scenario of {self.name} is frozen and has been changed: its "
                 f"hash is {digest}, but the registry has {self.scenario_hash}"
             )
-        return loaded.model_copy(update={"world_seed": track.world_seed})
+        return scenario.model_copy(update={"world_seed": track.world_seed})
 
 
 @cache

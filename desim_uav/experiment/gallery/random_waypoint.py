@@ -96,8 +96,8 @@ def speeds_at(walks: Walks, t_s: float) -> Floats:
     """Return how fast each user is at a time."""
     legs, offsets = walks
     users = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    begun = legs[:, T0_US] <= t_s * US
-    now = np.bincount(users[begun], minlength=len(offsets) - 1) + offsets[:-1] - 1
+    underway = legs[:, T0_US] <= t_s * US
+    now = np.bincount(users[underway], minlength=len(offsets) - 1) + offsets[:-1] - 1
     speeds_mps: Floats = np.hypot(legs[now, VX], legs[now, VY])
     return speeds_mps
 

@@ -66,12 +66,12 @@ class SweepFolder:
         """
         plan = self._plan(base, todo)
         try:
-            begun = self._begun()
-            if begun and not resume:
+            exists = self._begun()
+            if exists and not resume:
                 raise UsageError(
                     f"--out {self.out}: the folder holds a sweep; continue it with --resume"
                 )
-            if begun and (self.out / MANIFEST).exists():
+            if exists and (self.out / MANIFEST).exists():
                 self._check(plan)
             self.out.mkdir(parents=True, exist_ok=True)
             about = {"command": command, "started": datetime.now(UTC).isoformat()}
@@ -79,7 +79,7 @@ class SweepFolder:
             write_whole(self.out / MANIFEST, (content + "\n").encode())
             for name in (RESULTS, TABLES):
                 (self.out / name).mkdir(exist_ok=True)
-            return begun
+            return exists
         except OSError as error:
             raise UsageError(f"--out {self.out}: {error.strerror or error}") from error
 
@@ -136,10 +136,10 @@ class SweepFolder:
         if not self.out.is_dir():
             raise UsageError(f"--out {self.out}: exists and is not a folder")
         there = [path.name for path in self.out.iterdir()]
-        begun = MANIFEST in there or any(name.startswith(f".{MANIFEST}-") for name in there)
-        if there and not begun:
+        exists = MANIFEST in there or any(name.startswith(f".{MANIFEST}-") for name in there)
+        if there and not exists:
             raise UsageError(f"--out {self.out}: the folder is not empty and holds no sweep")
-        return begun
+        return exists
 
     def _check(self, plan: dict[str, Any]) -> None:
         """Raise PolicyError if the folder's sweep is not a part of this one."""

@@ -58,9 +58,9 @@ def sweep_to_folder(
     folder = SweepFolder(out, swept, measured(todo))
     failures, interrupted = list[Failure](), False
     with _backend(backend, workers, address, not show_progress) as run, folder.held():
-        begun = folder.open(plan.given, todo, resume, list(command))
+        exists = folder.open(plan.given, todo, resume, list(command))
         finished = folder.rows(todo)
-        if resume and not begun:
+        if resume and not exists:
             say(f"--resume: {out} holds no sweep, so there is nothing to resume: it begins anew")
         if finished:
             say(f"{len(finished)} of {len(todo)} jobs had ended before")

@@ -119,8 +119,8 @@ class Tapered(RowCharging):
             object.__setattr__(self, "power", float(self.power_w))
         if self.full_charge_min is not None:
             knee, left = min(self.taper_from, self.full_at), 1.0 - self.taper_from
-            passed = knee + left * math.log(left / (1.0 - max(self.taper_from, self.full_at)))
-            object.__setattr__(self, "per_capacity", passed / (self.full_charge_min * 60 * US))
+            span = knee + left * math.log(left / (1.0 - max(self.taper_from, self.full_at)))
+            object.__setattr__(self, "per_capacity", span / (self.full_charge_min * 60 * US))
 
     def full(self, capacity: int) -> int:
         """Return the share ``full_at`` of the capacity."""

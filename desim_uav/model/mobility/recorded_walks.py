@@ -259,11 +259,11 @@ class Trace:
         points_of: WayPoints = {}
         is_fcd = self._is_fcd
         for number, points in self._recorded().items():
-            gone = sum(point.t_us < 0 for point in points)
-            if gone < len(points):
-                walks = gone > 0 and points[gone].t_us > 0
-                first = [_between(points[gone - 1], points[gone])] if walks else []
-                points_of[len(points_of) if is_fcd else number] = [*first, *points[gone:]]
+            before = sum(point.t_us < 0 for point in points)
+            if before < len(points):
+                walks = before > 0 and points[before].t_us > 0
+                first = [_between(points[before - 1], points[before])] if walks else []
+                points_of[len(points_of) if is_fcd else number] = [*first, *points[before:]]
             elif not is_fcd:
                 points_of[number] = [points[-1]._replace(t_us=0)]
         return points_of

@@ -139,21 +139,21 @@ def _begin_windows(leg: DroneLeg, climb: Climb) -> int:
         # The way so far in slabs, as a polynomial of the time since the phase began.
         way = profile[phase, DISTANCE] * scale
         speed, bend = profile[phase, SPEED] * scale, 0.5 * profile[phase, ACCELERATION] * scale
-        passed = min(int(way + 1e-9), slabs - 1)
+        slab_index = min(int(way + 1e-9), slabs - 1)
         while at < lasts:
             ahead = lasts
-            if passed + 1 < slabs and way + lasts * (speed + lasts * bend) > passed + 1:
-                ahead = min(max(_reaches(way - (passed + 1), speed, bend), at), lasts)
+            if slab_index + 1 < slabs and way + lasts * (speed + lasts * bend) > slab_index + 1:
+                ahead = min(max(_reaches(way - (slab_index + 1), speed, bend), at), lasts)
             here, rate = way + at * (speed + at * bend), speed + 2.0 * at * bend
-            slab, sign = passed, 2.0
+            slab, sign = slab_index, 2.0
             if climb.upwards == 0.0:
-                slab, sign = slabs - 1 - passed, -2.0
+                slab, sign = slabs - 1 - slab_index, -2.0
             window = windows[count]
             window.begin_s, window.slab = begins + at, slab
-            window.place = sign * (here - passed - 0.5)
+            window.place = sign * (here - slab_index - 0.5)
             window.rise, window.bend = sign * rate, sign * bend
             count += 1
-            passed += 1
+            slab_index += 1
             at = ahead
             if ahead == lasts:
                 break

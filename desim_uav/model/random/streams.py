@@ -135,14 +135,14 @@ def _seeded_states(
     """Seed SFC64 for each entity as NumPy does, with a SeedSequence of four 32-bit words."""
     states = np.empty((len(episodes), count, 4), np.uint64)
     words = np.empty(6, np.uint64)
-    begun, pool = np.empty(4, np.uint64), np.empty(4, np.uint64)
+    start, pool = np.empty(4, np.uint64), np.empty(4, np.uint64)
     first = np.uint64(0)
     for k in range(len(episodes) * count):
         episode, entity = k // count, k % count
         if entity == 0 and (episode == 0 or seeds[episode] != seeds[episode - 1]):
-            first = _begun(begun, seeds[episode], purpose)
+            first = _begun(start, seeds[episode], purpose)
         for i in range(4):
-            pool[i] = begun[i]
+            pool[i] = start[i]
         constant = _stir(pool, np.uint64(entity), 5, first)
         _stir(pool, episodes[episode], 6, constant)
         constant = np.uint64(0x8B51F9DD)

@@ -95,10 +95,10 @@ def alone_of(kind: DroneType, step_us: int, steps: int) -> Alone:
         _refuse_other_batteries(kind)
     nx, ny = kind.grid.cells
     drain = drain_of(kind, step_us)
-    begun = -(-kind.capacity // drain.least) if kind.limited else 1
-    if steps * nx * ny * begun > LARGEST:
+    levels = -(-kind.capacity // drain.least) if kind.limited else 1
+    if steps * nx * ny * levels > LARGEST:
         raise UsageError(
-            f"map.cells: {steps} steps by {nx} x {ny} cells by {begun} levels of the battery are "
+            f"map.cells: {steps} steps by {nx} x {ny} cells by {levels} levels of the battery are "
             f"more than {LARGEST} states"
         )
     ahead = cells_ahead(kind.grid)
@@ -106,7 +106,7 @@ def alone_of(kind: DroneType, step_us: int, steps: int) -> Alone:
     none = np.zeros(1, np.int64)
     if not kind.limited:
         return Alone(ahead, cells, np.zeros(0, np.int64), none, nothing, none, 0, False)
-    return _with_battery(kind, step_us, ahead, begun)
+    return _with_battery(kind, step_us, ahead, levels)
 
 
 class Drain(NamedTuple):
@@ -152,22 +152,22 @@ def _refuse_other_batteries(kind: DroneType) -> None:
         )
 
 
-def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun: int) -> Alone:
+def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], levels: int) -> Alone:
     drain, ny = drain_of(kind, step_us), kind.grid.cells[1]
-    left = kind.capacity - np.arange(begun) * drain.least
+    left = kind.capacity - np.arange(levels) * drain.least
 
     def steps_of(duration_us: int) -> int:
         return max(1, -(-duration_us // step_us))
 
     stations = np.array([ix * ny + iy for ix, iy in kind.stations], np.int64)
     hops = {way: _hop(kind, (*way, 0)) for way in ((1, 0), (-1, 0), (0, 1), (0, -1))}
-    home = np.zeros((len(ahead), len(stations), begun), np.int64)
+    home = np.zeros((len(ahead), len(stations), levels), np.int64)
     for cell in range(len(ahead)):
         for s, station in enumerate(stations.tolist()):
             dx, dy = station // ny - cell // ny, station % ny - cell % ny
             (x_us, taken_x), (y_us, taken_y) = hops[_sign(dx), 0], hops[0, _sign(dy)]
             flown_us = abs(dx) * x_us + abs(dy) * y_us
-            for j in range(begun):
+            for j in range(levels):
                 arrives_with = int(left[j]) - abs(dx) * taken_x - abs(dy) * taken_y
                 may_return = kind.full - j * drain.most <= kind.return_charge
                 if may_return and arrives_with >= 0:
@@ -178,7 +178,7 @@ def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun
     battery: Any = kind.drones.battery
     even = type(battery) is Endurance and drain.exact
     crash = np.array([steps_of(int(each) * even + kind.respawn_after_us) for each in left])
-    doomed = min(begun, max(1, -(-kind.full // drain.most))) - 1
+    doomed = min(levels, max(1, -(-kind.full // drain.most))) - 1
     return Alone(ahead, np.arange(len(ahead)), stations, charge, home, crash, doomed, True)
 
 
@@ -227,12 +227,12 @@ def _induce(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Write the decision in every state; return the values at the start, airborne and landed."""
     ahead, over, stations, _, home, _, _, limited, may_wait = alone
-    steps, places, begun = decisions.shape
+    steps, places, levels = decisions.shape
     landed = np.zeros((steps + longest, len(stations)))
     resumed = np.zeros(steps + longest)
-    later, now = np.zeros((places, begun)), np.zeros((places, begun))
+    later, now = np.zeros((places, levels)), np.zeros((places, levels))
     shift, far = int(limited), 0
-    while far < begun and not home[:, :, far].any():
+    while far < levels and not home[:, :, far].any():
         far += 1
     for t in range(steps - 1, -1, -1):
         pay = paid[t % len(paid)]

@@ -58,8 +58,8 @@ class TeamSchedule:
 
     def _alone(self, relaxed: Alone) -> Alone:
         """Return what a drone can do by moves and charges; a crash lasts for ever."""
-        begun = len(relaxed.charge)
-        if self.steps * len(self.nodes) * begun > LARGEST:
+        levels = len(relaxed.charge)
+        if self.steps * len(self.nodes) * levels > LARGEST:
             raise UsageError("map.cells: too many places for a schedule")
         ahead = np.full((len(self.nodes), len(FLIGHTS)), -1)
         for k, (ix, iy, level) in enumerate(self.nodes):
@@ -74,8 +74,8 @@ class TeamSchedule:
             over,
             np.array(stations if relaxed.limited else [], np.int64),
             relaxed.charge,
-            np.zeros((len(ahead), len(stations) if relaxed.limited else 0, begun), np.int64),
-            np.full(begun, self.steps + 1) if relaxed.limited else relaxed.crash,
+            np.zeros((len(ahead), len(stations) if relaxed.limited else 0, levels), np.int64),
+            np.full(levels, self.steps + 1) if relaxed.limited else relaxed.crash,
             relaxed.doomed,
             relaxed.limited,
             may_wait=False,

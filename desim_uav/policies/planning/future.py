@@ -126,14 +126,14 @@ def _each_one(users: Any) -> NDArray[np.int64]:
 
 def _joined(true: Walks, new: Walks, now_us: int) -> Walks:
     """Return the true legs that begin before now and then the new ones, which begin now."""
-    begun = true.legs[:, T0_US] < now_us
-    users = np.repeat(np.arange(len(true.offsets) - 1), np.diff(true.offsets))[begun]
+    underway = true.legs[:, T0_US] < now_us
+    users = np.repeat(np.arange(len(true.offsets) - 1), np.diff(true.offsets))[underway]
     after = np.repeat(np.arange(len(new.offsets) - 1), np.diff(new.offsets))
     later = new.legs.copy()
     later[:, T0_US] += now_us
     owners = np.concatenate([users, after])
     order = np.argsort(owners, kind="stable")
-    legs = np.concatenate([true.legs[begun], later])[order]
+    legs = np.concatenate([true.legs[underway], later])[order]
     counts = np.bincount(owners, minlength=len(true.offsets) - 1)
     return Walks(np.ascontiguousarray(legs), np.concatenate([[0], np.cumsum(counts)]))
 

@@ -47,13 +47,13 @@ class PlanningSight(NamedTuple):
         From step ``left`` on the next episode has begun, in which they walk from their homes anew.
         """
         places_m = np.repeat(self.users_m[np.newaxis], steps + 1, axis=0)
-        passed = np.arange(steps + 1)
+        steps_since = np.arange(steps + 1)
         if self.future_m is not None:
             true_m = self.future_m[: steps + 1]
             places_m[: len(true_m)] = true_m
         places_m[self.left :] = ground.world.homes[:, :2]
-        passed[self.left :] -= self.left
-        spread_m = ground.spread_m[np.minimum(passed, len(ground.spread_m) - 1)]
+        steps_since[self.left :] -= self.left
+        spread_m = ground.spread_m[np.minimum(steps_since, len(ground.spread_m) - 1)]
         if self.future_m is not None:
             spread_m[: self.left] = 0.0
         return places_m, spread_m

@@ -59,7 +59,7 @@ def content_of(algorithm: Any) -> bytes:
     Raises PolicyError, which says why, for an algorithm that could not be rebuilt.
     """
     try:
-        built = importlib.import_module("desim_uav.policies.rllib.network")
+        network = importlib.import_module("desim_uav.policies.rllib.network")
     except ModuleNotFoundError as error:
         raise MissingExtraError("saving a network of RLlib", "rllib") from error
     flown = _flown(algorithm)
@@ -67,7 +67,7 @@ def content_of(algorithm: Any) -> bytes:
     agents = _agents(algorithm, world)
     modules, weights = _modules({name: flown.modules[name] for name in sorted(set(agents))})
     about = {
-        "ray": built.ray_version(),
+        "ray": network.ray_version(),
         "scenario": world.scenario.name,
         "scenario_hash": scenario_hash(seedless(world.scenario)),
         "world_seed": world.scenario.world_seed,
@@ -77,12 +77,12 @@ def content_of(algorithm: Any) -> bytes:
         "agents": agents,
         "modules": modules,
         "connectors": [_connector(piece) for piece in _own(to_module)],
-        "pipelines": [built.pipelines_of(to_module), built.pipelines_of(to_env)],
+        "pipelines": [network.pipelines_of(to_module), network.pipelines_of(to_env)],
     }
-    saved = Saved(about, weights, built.statistics_of(to_module))
+    saved = Saved(about, weights, network.statistics_of(to_module))
     content = saved.to_bytes()
     try:
-        built.Network(about, world).fill(saved)
+        network.Network(about, world).fill(saved)
     except Exception as error:  # RLlib refuses in many ways
         raise PolicyError(f"it cannot be built again: {error}") from error
     return content

@@ -126,9 +126,9 @@ def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
 def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
     (width, depth), (nx, ny) = world["size_m"], world["cells"]
     heights = np.array(world["cell_height_m"], dtype=float)
-    built = np.argwhere(heights > 0)
+    cells = np.argwhere(heights > 0)
     # From the back to the front, so that nearer buildings cover those behind them.
-    order = sorted(built.tolist(), key=lambda cell: cell[0] - nx * 1.7 * cell[1] / ny)
+    order = sorted(cells.tolist(), key=lambda cell: cell[0] - nx * 1.7 * cell[1] / ny)
     dx, dy = width / nx, depth / ny
     for k, (ix, iy) in enumerate(order):
         axes.bar3d(
