@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.disk import file_place, write_at
-from desim_uav.experiment.replay.page import Made, Written
+from desim_uav.experiment.replay.page import ReplayPage, Written
 from desim_uav.report.markup import tag
 from desim_uav.typed import typed
 
@@ -52,7 +52,7 @@ class Page:
 class Replay(Page):
     """A page that plays a run's episodes in continuous time; it needs no network and no server."""
 
-    def __init__(self, page: Made) -> None:
+    def __init__(self, page: ReplayPage) -> None:
         super().__init__(page.content, "replay.html")
         self._page = page
 

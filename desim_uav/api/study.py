@@ -103,11 +103,11 @@ def sweep(
     parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.api.sources import each_of
-    from desim_uav.experiment.sweep.plan import Asked
+    from desim_uav.experiment.sweep.plan import SweepPlan
     from desim_uav.experiment.sweep.run import sweep_to_folder
     from desim_uav.shipped import find_scenario
 
-    plan = Asked(
+    plan = SweepPlan(
         find_scenario(str(scenario)) if isinstance(scenario, str | Path) else scenario,
         values,
         None if policies is None else [_named(policy) for policy in each_of("policies", policies)],

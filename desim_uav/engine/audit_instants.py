@@ -25,7 +25,7 @@ difference first has to change its direction, for which drones have to brake."""
 
 
 @dataclass
-class Seen:
+class InstantRecord:
     """What an audit has seen of an episode until ``now_us``.
 
     ``read`` events of the present ``step`` have been read, the last of them in ``phase``.
@@ -51,16 +51,16 @@ class Seen:
     logged: Counter[int] = field(default_factory=Counter)
 
 
-SEEN: WeakKeyDictionary[Simulation, Seen] = WeakKeyDictionary()
+RECORDS: WeakKeyDictionary[Simulation, InstantRecord] = WeakKeyDictionary()
 """What the audit has noted of each simulation so far."""
 
 
 def audit_instant(simulation: Simulation) -> None:
     """Check what has happened since the last event. Raises AssertionError if it must not have."""
     state, log = simulation.state, simulation.log
-    record = SEEN.get(simulation)
+    record = RECORDS.get(simulation)
     if record is None or record.log is not log or state.now_us < record.now_us:
-        record = SEEN[simulation] = Seen(log, state.now_us == state.step == 0)
+        record = RECORDS[simulation] = InstantRecord(log, state.now_us == state.step == 0)
     if state.now_us > record.now_us:
         _elapse(record, state.now_us)
     over = log.duration_us > 0
@@ -75,7 +75,7 @@ def audit_instant(simulation: Simulation) -> None:
             _totals(state, record)
 
 
-def _elapse(record: Seen, now_us: int) -> None:
+def _elapse(record: InstantRecord, now_us: int) -> None:
     """Count outages until now, and begin an instant."""
     record.outage_us += len(record.without) * (now_us - record.now_us)
     record.outages += len(record.without - record.before)
@@ -84,7 +84,7 @@ def _elapse(record: Seen, now_us: int) -> None:
     record.served.clear()
 
 
-def _read(simulation: Simulation, record: Seen) -> None:
+def _read(simulation: Simulation, record: InstantRecord) -> None:
     """Read new events, and check that users change their drones once in a phase, for a reason."""
     state = simulation.state
     if record.step != state.step and simulation.log.duration_us == 0:
@@ -108,7 +108,7 @@ def _read(simulation: Simulation, record: Seen) -> None:
     record.read = len(state.events)
 
 
-def _handover(simulation: Simulation, record: Seen, number: int, drone: int) -> None:
+def _handover(simulation: Simulation, record: InstantRecord, number: int, drone: int) -> None:
     """Check that a user is not handed back at once by levels that rounding has made different."""
     state, user = simulation.state, simulation.state.users[number]
     at_us, came_from, left = record.handed.get(number, (-BACK_US, -1, -1))
@@ -121,7 +121,7 @@ def _handover(simulation: Simulation, record: Seen, number: int, drone: int) -> 
         assert not 0 < lasted_us < BACK_US, f"user {number} is handed back after {lasted_us} µs"
 
 
-def _admission(simulation: Simulation, record: Seen) -> None:
+def _admission(simulation: Simulation, record: InstantRecord) -> None:
     """Check that no user who would have fitted waits behind one served now who asked later."""
     state, users = simulation.state, simulation.state.users
     fleet = simulation.world.scenario.fleet
@@ -144,7 +144,7 @@ def _place(request: Request) -> tuple[int, int]:
     return request.t_request_us, request.user
 
 
-def _totals(state: State, record: Seen) -> None:
+def _totals(state: State, record: InstantRecord) -> None:
     """Check the counts of outages, and the events of them, at the end of an episode."""
     observed, counted = (record.outages, record.outage_us), (state.outages, state.outage_us)
     assert observed == counted, f"outages and their time: {observed}, counted as {counted}"

@@ -20,7 +20,7 @@ from desim_uav.env.many import Flags, Many, Seed
 from desim_uav.env.tasks import Curriculum, TaskChange, tasks_of
 from desim_uav.spaces import features, observation_space, state_space
 
-Told = tuple[
+StepResult = tuple[
     NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
 ]
 
@@ -109,7 +109,7 @@ class UavParallelVectorEnv(Many):
         return self._observations(), self.infos()
 
     @alone
-    def step(self, actions: NDArray[Any]) -> Told:
+    def step(self, actions: NDArray[Any]) -> StepResult:
         """Take the actions (num_envs, drones), whole numbers, one for each drone.
 
         In free flight, they are the numbers of commands: (num_envs, drones, numbers).

@@ -16,7 +16,7 @@ from desim_uav.model.traces import index, read_table
 from desim_uav.registry import register
 from desim_uav.world import World
 
-Given = dict[str, float | None]
+FlightNumbers = dict[str, float | None]
 """The numbers of a row, by their columns; None where the row has none."""
 
 
@@ -40,7 +40,7 @@ class Script:
         columns = {"step": index, "drone": index, "action": _action}
         rows = read_table(self.file, columns, dict.fromkeys(NUMBERS, _share))
         self.commands: dict[tuple[int, int], str] = {}
-        self._numbers: dict[tuple[int, int], Given] = {}
+        self._numbers: dict[tuple[int, int], FlightNumbers] = {}
         self._lines: dict[tuple[int, int], int] = {}
         self._noticed = False
         for step, drone, action, *numbers, line in rows:

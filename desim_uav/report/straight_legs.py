@@ -41,7 +41,7 @@ class Way(NamedTuple):
         return self.ahead[2] == 0.0
 
 
-class Shown(NamedTuple):
+class LegEntry(NamedTuple):
     """A way and the cruise speed that is chosen on it; it is infinite for the highest speed."""
 
     name: str
@@ -108,12 +108,12 @@ class FreeLegs:
         return Way(name, ahead, wind, reach_m)
 
     @cached_property
-    def shown(self) -> tuple[Shown, ...]:
+    def shown(self) -> tuple[LegEntry, ...]:
         """The ways at the highest speed of commands, and a level one at the lowest, if chosen."""
-        ways = [Shown(way.name, way, ANY_SPEED) for way in self.ways]
+        ways = [LegEntry(way.name, way, ANY_SPEED) for way in self.ways]
         if self.choice is not None:
             way = self._level_ways[-1]  # without wind, or across it
-            ways.append(Shown(f"{way.name}, lowest speed", way, self.choice[0]))
+            ways.append(LegEntry(f"{way.name}, lowest speed", way, self.choice[0]))
         return tuple(ways)
 
     # ---- limits

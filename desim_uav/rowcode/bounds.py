@@ -33,8 +33,8 @@ class OutsideError(SimulationError, IndexError):
     """An index is outside the bounds of a table, a queue or an array.
 
     ``owner`` is the name of the component in which that happened, or empty; ``of`` says what was
-    indexed, and ``numbers`` are the index and the length. Compiled code, which has noted them before
-    (see ``NOTE``), leaves them out.
+    indexed, and ``numbers`` are the index and the length. Compiled code, which has noted them
+    before (see ``NOTE``), leaves them out.
     """
 
     def __init__(

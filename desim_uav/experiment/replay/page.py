@@ -25,7 +25,7 @@ BASE64 = 4 / 3
 
 
 @dataclass(frozen=True)
-class Made:
+class ReplayPage:
     """The page of one run or two, its episodes, and those left out because of its size limit."""
 
     content: bytes
@@ -49,7 +49,7 @@ class Made:
 
 
 @dataclass(frozen=True)
-class Written(Made):
+class Written(ReplayPage):
     """A page in a file."""
 
     file: Path
@@ -91,7 +91,7 @@ def make_replay(
     episodes: str | None = None,
     show_progress: bool = True,
     most_bytes: int | None = None,
-) -> Made:
+) -> ReplayPage:
     """Make the page of a run, or of two that are played in step.
 
     ``episodes`` is a text such as ``0-9``; by default as many of the counted episodes as fit.
@@ -125,7 +125,7 @@ def make_replay(
     columns = zip(encoders, zip(*blocks, strict=True), strict=True)
     content = page(*((encoder.common(encoded), column) for encoder, column in columns))
     again = not all(run.keeps_events for run in runs)
-    return Made(content, encoded, numbers[len(blocks) :], again)
+    return ReplayPage(content, encoded, numbers[len(blocks) :], again)
 
 
 def _to_play(run: Run, numbers: Sequence[int]) -> int:

@@ -21,7 +21,7 @@ from desim_uav.experiment.evaluate import ENERGY, MEASURES
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, JobOutcome, JobRow
-from desim_uav.experiment.sweep.plan import Given
+from desim_uav.experiment.sweep.plan import ScenarioSource
 from desim_uav.lock import held
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.rowcode.regular_file import content_of, text_of
@@ -55,16 +55,18 @@ class SweepFolder:
         with held(self.out):
             yield
 
-    def open(self, base: Given, todo: Sequence[Job], resume: bool, command: list[str]) -> bool:
+    def open(
+        self, source: ScenarioSource, todo: Sequence[Job], resume: bool, command: list[str]
+    ) -> bool:
         """Make the folder for these jobs, or check that it belongs to them.
 
-        ``base`` is the scenario. A sweep can be continued with more jobs, but must keep all
+        ``source`` is the scenario. A sweep can be continued with more jobs, but must keep all
         that it has. Returns whether the folder held a sweep.
 
         Raises UsageError if the folder cannot be used, and PolicyError if it belongs
         to another sweep.
         """
-        plan = self._plan(base, todo)
+        plan = self._plan(source, todo)
         try:
             exists = self._begun()
             if exists and not resume:
@@ -111,11 +113,11 @@ class SweepFolder:
         else:
             file.unlink(missing_ok=True)
 
-    def _plan(self, base: Given, todo: Sequence[Job]) -> dict[str, Any]:
+    def _plan(self, source: ScenarioSource, todo: Sequence[Job]) -> dict[str, Any]:
         arms = list({id(job.arm): job.arm for job in todo}.values())
         combinations = {arm.combination.settings: arm for arm in arms}
         return {
-            "scenario": {"name": arms[0].scenario.name} | base.about(),
+            "scenario": {"name": arms[0].scenario.name} | source.about(),
             "columns": self.columns,
             "episodes": todo[0].episodes,
             "warmup": todo[0].warmup,

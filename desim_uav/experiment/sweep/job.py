@@ -17,7 +17,7 @@ from desim_uav import __version__
 from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.experiment.evaluate import evaluate, measures_of
 from desim_uav.experiment.sweep.grid import MOST
-from desim_uav.experiment.sweep.plan import Arm, Asked, policy_digest, unseeded_hash
+from desim_uav.experiment.sweep.plan import Arm, SweepPlan, policy_digest, unseeded_hash
 from desim_uav.experiment.train.course import train
 from desim_uav.policies.base import PolicyLike
 from desim_uav.policies.tabular import Greedy
@@ -83,7 +83,7 @@ class Failure(NamedTuple):
         return row | {"seed": self.job.seed, "reason": self.reason}
 
 
-def jobs(plan: Asked, tried: Sequence[Arm]) -> list[Job]:
+def jobs(plan: SweepPlan, tried: Sequence[Arm]) -> list[Job]:
     """Return the jobs of every arm on every seed. Raises UsageError if there are too many."""
     count = len(tried) * len(plan.seeds)
     if count > MOST:

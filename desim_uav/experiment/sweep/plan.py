@@ -40,7 +40,7 @@ LARGEST_POLICY = 2**32
 
 
 @dataclass(frozen=True)
-class Given:
+class ScenarioSource:
     """The scenario of a sweep: a file, or what Python has: its content, or a loaded scenario."""
 
     scenario: Path | Mapping[str, Any] | Scenario
@@ -68,7 +68,7 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Asked:
+class SweepPlan:
     """What a sweep is to run in a scenario.
 
     ``values`` are those of ``axes``. ``policies`` None means the baseline, or no policy if
@@ -86,9 +86,9 @@ class Asked:
     engine: str = "auto"
 
     @property
-    def given(self) -> Given:
+    def source(self) -> ScenarioSource:
         """The scenario, as it was given."""
-        return Given(self.scenario)
+        return ScenarioSource(self.scenario)
 
     def policy_names(self) -> list[str]:
         """Return the policies to run. Raises UsageError, or PolicyError if one cannot be loaded."""
@@ -138,7 +138,7 @@ class Arm:
 
 
 def arms(
-    plan: Asked, swept: Sequence[Axis], say: Callable[[str], None] = lambda notice: None
+    plan: SweepPlan, swept: Sequence[Axis], say: Callable[[str], None] = lambda notice: None
 ) -> list[Arm]:
     """Return what a sweep runs on each seed, by combination, after a check on its first seed.
 
@@ -191,7 +191,7 @@ def policy_digest(policy: str) -> str:
 
 
 def _policy_arms(
-    plan: Asked, combination: Combination, policies: Sequence[str], reasons: dict[str, None]
+    plan: SweepPlan, combination: Combination, policies: Sequence[str], reasons: dict[str, None]
 ) -> Iterator[Arm]:
     scenario, world, engine = _prepared(plan, combination.settings, reasons)
     look_ahead(engine, world)
@@ -204,7 +204,7 @@ def _policy_arms(
 
 
 def _learning_arm(
-    plan: Asked, combination: Combination, algorithm: str | None, reasons: dict[str, None]
+    plan: SweepPlan, combination: Combination, algorithm: str | None, reasons: dict[str, None]
 ) -> Arm:
     own = () if algorithm is None else (f'learning.algorithm="{algorithm}"',)
     scenario, world, engine = _prepared(plan, combination.settings + own, reasons)
@@ -214,14 +214,14 @@ def _learning_arm(
 
 
 def _prepared(
-    plan: Asked, settings: Sequence[str], reasons: dict[str, None]
+    plan: SweepPlan, settings: Sequence[str], reasons: dict[str, None]
 ) -> tuple[Scenario, World, str]:
     """Return a scenario, its world and the engine; note its warnings, and why SimPy runs it.
 
     Raises ScenarioError with the file's name.
     """
-    scenario = at_once(plan.given.load, settings)
-    with plan.given.located(settings):
+    scenario = at_once(plan.source.load, settings)
+    with plan.source.located(settings):
         first = scenario.model_copy(update={"seed": plan.seeds[0]})
         world = at_once(build_world, first, first.effective_world_seed)
         engine = plan.engine

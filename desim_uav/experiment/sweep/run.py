@@ -17,7 +17,7 @@ from desim_uav.experiment.sweep.folder import SweepFolder
 from desim_uav.experiment.sweep.grid import axes
 from desim_uav.experiment.sweep.job import Failure, JobOutcome, jobs, measured, run_job
 from desim_uav.experiment.sweep.on_ray import import_ray, ray_backend
-from desim_uav.experiment.sweep.plan import Asked, arms, warnings
+from desim_uav.experiment.sweep.plan import SweepPlan, arms, warnings
 from desim_uav.experiment.sweep.table import Done
 
 BACKENDS = ("local", "ray")
@@ -27,7 +27,7 @@ Backend = Callable[..., Generator[tuple[int, JobOutcome]]]
 
 
 def sweep_to_folder(
-    plan: Asked,
+    plan: SweepPlan,
     out: Path,
     *,
     resume: bool,
@@ -58,7 +58,7 @@ def sweep_to_folder(
     folder = SweepFolder(out, swept, measured(todo))
     failures, interrupted = list[Failure](), False
     with _backend(backend, workers, address, not show_progress) as run, folder.held():
-        exists = folder.open(plan.given, todo, resume, list(command))
+        exists = folder.open(plan.source, todo, resume, list(command))
         finished = folder.rows(todo)
         if resume and not exists:
             say(f"--resume: {out} holds no sweep, so there is nothing to resume: it begins anew")

@@ -27,7 +27,7 @@ SEEN_AT = 2 * KEY_WORDS
 UNSEEN = -1
 """In place of a cell: the transmitter is silent, so nothing is seen of its links."""
 
-Drawn = tuple[float, np.uint64, np.uint64]
+LinkDraw = tuple[float, np.uint64, np.uint64]
 
 
 def imagined_links(
@@ -55,7 +55,7 @@ def imagined_links(
 @kernel
 def draws_of_link(
     key: NDArray[np.uint64], users: int, transmitter: int, user: int, cell: int
-) -> Drawn:
+) -> LinkDraw:
     """Return a link's uniform number, and its random bits with and without line of sight.
 
     ``key`` (2,) is that of the episode, or longer if the episode is imagined (``imagined_links``).
@@ -77,7 +77,7 @@ def _drawn_anew(
     cell: int,
     true: Words,
     counter: Words,
-) -> Drawn:
+) -> LinkDraw:
     """Return the draws of a link in an imagined episode."""
     new = philox(key[KEY_WORDS:SEEN_AT], counter)
     uniform, state = as_uniform(new[0]), key[SEEN_AT:]

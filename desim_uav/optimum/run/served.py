@@ -26,7 +26,7 @@ HALVINGS = 45
 """How often the interval that contains θ is halved."""
 
 
-class Asked(NamedTuple):
+class Chains(NamedTuple):
     """The requests of a run. A chain is those of one user in one episode.
 
     The requests of chain i, whose user is ``users[i]``, are ``first[i]:first[i + 1]``. Each can be
@@ -43,7 +43,7 @@ class Asked(NamedTuple):
     after_previous: bool
 
 
-def asked_in(episodes: Sequence[Requests], steps: int, step_us: int) -> Asked:
+def asked_in(episodes: Sequence[Requests], steps: int, step_us: int) -> Chains:
     """Return the requests of episodes of so many steps, which follow upon each other.
 
     A request is made at the earliest if all previous ones of its user are served at once.
@@ -62,7 +62,7 @@ def asked_in(episodes: Sequence[Requests], steps: int, step_us: int) -> Asked:
             users.append(user)
             first.append(len(rows))
     table = np.array(rows, float).reshape(-1, 3)
-    return Asked(
+    return Chains(
         np.array(first),
         np.array(users, np.int64),
         table[:, 0].copy(),
@@ -77,7 +77,7 @@ class Served:
 
     most = np.inf
 
-    def __init__(self, chains: Asked) -> None:
+    def __init__(self, chains: Chains) -> None:
         self.chains = chains
 
     def at_most(self, prices: Prices, earned: float) -> Slope:
@@ -120,7 +120,7 @@ def _buy(
 
 
 @maker
-def _gains(chains: Asked, prices: Prices, gains: NDArray[np.float64]) -> None:
+def _gains(chains: Chains, prices: Prices, gains: NDArray[np.float64]) -> None:
     """Write the largest gain of each request, if it is served completely and otherwise."""
     for chain in range(len(chains.users)):
         user = chains.users[chain]
@@ -135,7 +135,7 @@ def _gains(chains: Asked, prices: Prices, gains: NDArray[np.float64]) -> None:
 
 @maker
 def _choose(
-    chains: Asked,
+    chains: Chains,
     prices: Prices,
     gains: NDArray[np.float64],
     theta: float,

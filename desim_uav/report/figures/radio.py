@@ -71,7 +71,7 @@ def radio_figure(
 
     Raises UsageError if links have no level, and for a level or a place that the map does not have.
     """
-    radio = Shown(world, _radio(world), _altitude_m(world, level), _place_m(world, at_m))
+    radio = RadioView(world, _radio(world), _altitude_m(world, level), _place_m(world, at_m))
     figure = Figure(figsize=(10.4, 6.4))
     grid = figure.add_gridspec(3, 2, width_ratios=(1.12, 1.0), height_ratios=(1.0, 1.0, 2.1))
     above, rate = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
@@ -92,7 +92,7 @@ def radio_figure(
 
 
 @dataclass(frozen=True)
-class Shown:
+class RadioView:
     """A drone at a place of a world, and the levels and classes of its links."""
 
     world: World
@@ -240,7 +240,7 @@ def _place_m(world: World, at_m: tuple[float, float] | None) -> tuple[float, flo
 # ---- the panels
 
 
-def _draw_map(axes: Axes, radio: Shown) -> Any:
+def _draw_map(axes: Axes, radio: RadioView) -> Any:
     """Draw the map from above; return the image of the levels."""
     (x_m, y_m), (width_m, depth_m) = radio.at_m, radio.world.area
     xs, ys, dbm = radio.map_dbm
@@ -269,7 +269,7 @@ def _draw_map(axes: Axes, radio: Shown) -> Any:
 
 
 def _draw_steps(
-    axes: Axes, radio: Shown, values: Sequence[float], label: str, whole: bool = False
+    axes: Axes, radio: RadioView, values: Sequence[float], label: str, whole: bool = False
 ) -> None:
     """Draw a value of each class, from class 0 on, over the distance; it may be ``whole``."""
     scale, _ = radio.unit
@@ -280,7 +280,7 @@ def _draw_steps(
     axes.yaxis.set_major_locator(MaxNLocator(4, integer=whole))
 
 
-def _draw_side(axes: Axes, radio: Shown) -> None:
+def _draw_side(axes: Axes, radio: RadioView) -> None:
     """Draw the levels over distance and height."""
     scale, unit = radio.unit
     distances_m, heights_m, dbm = radio.side_dbm
@@ -312,7 +312,7 @@ def _draw_levels(
     xs: NDArray[np.float64],
     ys: NDArray[np.float64],
     dbm: NDArray[np.float64],
-    radio: Shown,
+    radio: RadioView,
 ) -> Any:
     """Draw levels (y, x) as shades; return the image."""
     half_x, half_y = (xs[1] - xs[0]) / 2, (ys[1] - ys[0]) / 2
@@ -348,7 +348,7 @@ def _frame(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(True)
 
 
-def _legend(radio: Shown) -> list[Any]:
+def _legend(radio: RadioView) -> list[Any]:
     """Return the entries of the legend."""
     entries = [Line2D([], [], **DRONE)]
     if radio.world.scenario.access_points:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from desim_uav.report.batteries import powers_w
 from desim_uav.report.figures.style import COLOURS, DASHES
-from desim_uav.report.straight_legs import FreeLegs, Shown, Way
+from desim_uav.report.straight_legs import FreeLegs, LegEntry, Way
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def _lengths(legs: FreeLegs) -> str:
     return f"legs of {legs.typical_m:g} m{' at most' if shorter else ''}"
 
 
-def over_time(legs: FreeLegs, entry: Shown) -> tuple[Floats, Floats]:
+def over_time(legs: FreeLegs, entry: LegEntry) -> tuple[Floats, Floats]:
     """Return times of a typical leg in seconds, and the power then in watts.
 
     The leg is shorter if the map allows no longer one on its way.
@@ -110,7 +110,7 @@ def over_time(legs: FreeLegs, entry: Shown) -> tuple[Floats, Floats]:
     return times, watts
 
 
-def over_length(legs: FreeLegs, entry: Shown) -> tuple[Floats, Floats]:
+def over_length(legs: FreeLegs, entry: LegEntry) -> tuple[Floats, Floats]:
     """Return lengths of legs in metres, up to the longest one of a step, and their joules."""
     way = entry.way
     lengths = np.linspace(SHORTEST * way.longest_m, way.longest_m, POINTS)
