@@ -88,16 +88,19 @@ def compare(
             "their number"
         )
     source = opened(scenario, overrides, world_seed=world_seed)
-    named = comparing.policies_by_name(policies)
+    by_name = comparing.policies_by_name(policies)
     all_seeds = seeds_of(seeds, first_seed)
-    for warning in comparing.out_of_place(source.scenario, named, all_seeds):
+    for warning in comparing.out_of_place(source.scenario, by_name, all_seeds):
         warn(warning)
     with source.located():
-        comparing.try_on(source.scenario, named, all_seeds, engine)
-    with shown(progress, len(named) * len(all_seeds), "runs", engine) as advance, source.located():
+        comparing.try_on(source.scenario, by_name, all_seeds, engine)
+    with (
+        shown(progress, len(by_name) * len(all_seeds), "runs", engine) as advance,
+        source.located(),
+    ):
         comparison = comparing.compare_policies(
             source.scenario,
-            named,
+            by_name,
             all_seeds,
             episodes,
             warmup,

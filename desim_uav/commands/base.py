@@ -88,8 +88,8 @@ class AlikeCommands(Unchanging):
     @cached_property
     def named(self) -> dict[str, int]:
         """The indices of the actions that drones which move so can take, by name."""
-        named = by_name(self.actions).items()
-        return {name: k for name, k in named if can_take(int(self.actions[k]), self.off_grid)}
+        items = by_name(self.actions).items()
+        return {name: k for name, k in items if can_take(int(self.actions[k]), self.off_grid)}
 
     @property
     def _in_words(self) -> str:

@@ -160,8 +160,8 @@ def _work(world: Constants, state: State, request: Request) -> None:
         assert request.required == drawn_amount(stages[request.stage], request.drawn, 0) > 0
     assert 0 <= request.done <= request.required, "served more than requested"
     if request.server >= 0:
-        done = request.done + request.rate * (state.now_us - request.counted_us)
-        assert done < request.required + request.rate, "served more than requested"
+        amount = request.done + request.rate * (state.now_us - request.counted_us)
+        assert amount < request.required + request.rate, "served more than requested"
     times_us = sum(us for us, one in zip(amounts, stages, strict=False) if one.timed)
     times_us += request.done if stages[request.stage].timed else 0
     assert times_us <= request.served_us, "more time is done than served"

@@ -218,8 +218,8 @@ def _content_of(values: object) -> Any:
         return [_content_of(each) for each in values]
     if getattr(values, "number", 0) < 0:  # a user has no request
         return None
-    named = zip(names, values, strict=True)
-    return [_content_of(value) for name, value in named if name not in NOT_TOLD]
+    fields = zip(names, values, strict=True)
+    return [_content_of(value) for name, value in fields if name not in NOT_TOLD]
 
 
 def write(one: Row | View, cls: Any, values: Sequence[Any]) -> None:

@@ -255,8 +255,8 @@ def record_episodes(
         "finished": now(),
         "versions": versions(),
     }
-    named = {key: manifest[key] for key in NAMED}
-    return Recorded(prepared, manifest, named | tally.headline(), by_service.summaries())
+    entries = {key: manifest[key] for key in NAMED}
+    return Recorded(prepared, manifest, entries | tally.headline(), by_service.summaries())
 
 
 def _write_tables(
@@ -336,9 +336,9 @@ def read_summary(
     for episode in requests_of:
         raise _of_two_runs(folder, episode)
     manifest = read_manifest(folder)
-    named = {key: manifest[key] for key in NAMED if key in manifest}
+    entries = {key: manifest[key] for key in NAMED if key in manifest}
     by_group = None if groups is None else groups.summaries()
-    return named | tally.headline() | {"run_dir": str(folder)}, by_group
+    return entries | tally.headline() | {"run_dir": str(folder)}, by_group
 
 
 def _of_two_runs(folder: Path, episode: int) -> PolicyError:
@@ -354,7 +354,7 @@ def label_of(name: str) -> str:
     if file is None:
         module, _, own = name.rpartition(":")
         return f"{Path(module).stem}:{own}" if module.endswith(".py") else name
-    named = file.absolute().parent.name if file.name in ALWAYS_CALLED else file.stem
+    name_of_file = file.absolute().parent.name if file.name in ALWAYS_CALLED else file.stem
     kind, argument = parts(name)
     options = argument.partition(file.name)[2]  # of a planner
-    return f"{kind}-{named}{options}"
+    return f"{kind}-{name_of_file}{options}"

@@ -103,8 +103,8 @@ class Comparison:
         text = io.StringIO()
         writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
-        named = ({**common, **row, "policy": csv_cell(row["policy"])} for row in self.rows())
-        writer.writerows(named)
+        rows = ({**common, **row, "policy": csv_cell(row["policy"])} for row in self.rows())
+        writer.writerows(rows)
         return text.getvalue()
 
     @cached_property
@@ -272,7 +272,7 @@ def policies_by_name(
 ) -> dict[str, PolicyLike]:
     """Return policies by their names in tables. Raises UsageError if a name is given twice."""
     if isinstance(policies, Mapping):
-        named = dict(policies)
+        by_name = dict(policies)
     else:
         policies = list(policies)
         names = [policy_name(policy) for policy in policies]
@@ -281,12 +281,12 @@ def policies_by_name(
                 raise UsageError(
                     f"policies: {name!r} is given twice; use a mapping to give each a name"
                 )
-        named = dict(zip(names, policies, strict=True))
-    if not named:
+        by_name = dict(zip(names, policies, strict=True))
+    if not by_name:
         raise UsageError("policies: the list is empty")
-    for policy in named.values():
+    for policy in by_name.values():
         load_policy(policy)
-    return named
+    return by_name
 
 
 def the_scenario(arguments: Sequence[str]) -> str:

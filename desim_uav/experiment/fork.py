@@ -164,8 +164,8 @@ def record_branches(
         recorded.manifest["fork"] = fork
     assert branches.saved is not None
     measures = [each.measures() for each in tallies]
-    named = {key: original.manifest[key] for key in ("scenario", "seed", "world_seed")}
-    about = named | fork | {"episodes": how.episodes, "state": branches.saved.digest()}
+    entries = {key: original.manifest[key] for key in ("scenario", "seed", "world_seed")}
+    about = entries | fork | {"episodes": how.episodes, "state": branches.saved.digest()}
     about |= dict(zip(BRANCHES, measures, strict=True)) | {"difference": _difference(*measures)}
     return Forked(original, other, about)
 

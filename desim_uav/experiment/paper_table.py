@@ -81,9 +81,9 @@ def _claims_of(case: int, rows: Sequence[PaperRow]) -> list[Claim]:
     if case in LEAST_OF_BEST_COVER:
         share = [r["qoe3_percent"] / r["cover_qoe3_percent"] for r in learned]
         least = LEAST_OF_BEST_COVER[case]
-        reached = estimate(share)
+        interval = estimate(share)
         text = f"case {case}: Q-learning's QoE3 is at least {least:g} of the best cover"
-        verdicts.append(Claim(text, _words(reached, 3), _at_least(reached.mean, least)))
+        verdicts.append(Claim(text, _words(interval, 3), _at_least(interval.mean, least)))
         return verdicts
     baseline = _values(rows, case, "baseline")
     qoe1 = "qoe1_feasible_percent" if case >= 8 else "qoe1_percent"
@@ -91,10 +91,10 @@ def _claims_of(case: int, rows: Sequence[PaperRow]) -> list[Claim]:
         more = paired([r[name] for r in learned], [r[name] for r in baseline])
         text = f"case {case}: Q-learning beats the baseline on {label}"
         verdicts.append(Claim(text, f"{_words(more, 1)} points", (more.low or 0.0) > 0.0))
-    reached = estimate(r["qoe3_percent"] for r in learned)
+    interval = estimate(r["qoe3_percent"] for r in learned)
     text = f"case {case}: Q-learning reaches the best published QoE3, {best_qoe3(case):g} %"
     verdicts.append(
-        Claim(text, f"{_words(reached, 1)} %", _at_least(reached.mean, best_qoe3(case)))
+        Claim(text, f"{_words(interval, 1)} %", _at_least(interval.mean, best_qoe3(case)))
     )
     crashes = estimate(r["crashes_per_drone_episode"] for r in learned)
     most = MOST_CRASHES_WITH_NOISE if case == NOISY_CASE else MOST_CRASHES

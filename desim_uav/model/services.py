@@ -121,10 +121,10 @@ def problems_of(service: Any) -> list[str]:
     if not stages:
         problems.append("stages must have at least one stage")
     for number, stage in enumerate(stages):
-        named = [("amount", stage.amount), ("times", stage.times), ("rate", stage.rate)]
+        fields = [("amount", stage.amount), ("times", stage.times), ("rate", stage.rate)]
         problems += [
             f"stages: {number}: {key}: {name!r} must be one of {', '.join(values)}"
-            for key, name in named
+            for key, name in fields
             if name is not None and name not in values
         ]
         if stage.resource not in RESOURCES:

@@ -202,8 +202,8 @@ def print_comparison(comparison: dict[str, Any]) -> None:
         _print_estimates(title, "pairs", comparison["differences"])
     for row in comparison["differences"]:
         if not row["seeds"]:
-            named = f"{row['policy']} and {row['against']}"
-            tell(f"{named} have no seed and world in common")
+            pair = f"{row['policy']} and {row['against']}"
+            tell(f"{pair} have no seed and world in common")
     if have_single(comparison["policies"] + comparison["differences"]):
         tell(NONE_FROM_ONE)
 

@@ -217,8 +217,8 @@ def cause_of(error: Exception, component: Any) -> str:
         if f"'{name}'" in message:
             return f"its field {name!r} is no number"
     lines = [line.strip(" -") for line in message.splitlines() if line.strip()]
-    named = (line for cause in CAUSES for line in lines if cause in line)
-    line = next(named, lines[1] if len(lines) > 1 else lines[0])
+    causes = (line for cause in CAUSES for line in lines if cause in line)
+    line = next(causes, lines[1] if len(lines) > 1 else lines[0])
     return line + _fields_instead(line)
 
 

@@ -259,8 +259,8 @@ def _importable_from(value: Any) -> str | None:
     """Return the module of Python or of ``VERSIONED`` that has a callable by its name, if any."""
     place = getattr(value, "__module__", None)
     place = place or ("numpy" if isinstance(value, np.ufunc) else "numpy.random")
-    named = getattr(sys.modules.get(place), getattr(value, "__name__", ""), None)
-    return place if foreign(place) and named == value else None
+    member = getattr(sys.modules.get(place), getattr(value, "__name__", ""), None)
+    return place if foreign(place) and member == value else None
 
 
 def _attributes(value: Any) -> Iterator[tuple[str, Any]]:

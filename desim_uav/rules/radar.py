@@ -171,12 +171,12 @@ def _write_users(
     state: State,
     drone: Drone,
     window: Window,
-    shown: tuple[bool, bool, bool],
+    channels: tuple[bool, bool, bool],
     full: float,
 ) -> Window:
-    """Count in each cell what is ``shown``: users, requests, and what these still need."""
+    """Count in each cell what is ``channels``: users, requests, and what these still need."""
     first_x, first_y, cells_x, cells_y, side, at = window
-    after = _behind(window, 3 * int(shown[0]) + 2 * int(shown[1]) + int(shown[2]))
+    after = _behind(window, 3 * int(channels[0]) + 2 * int(channels[1]) + int(channels[2]))
     if after.at == at:
         return after
     for x in range(max(first_x, 0), min(first_x + cells_x * side, world.nx)):
@@ -186,7 +186,7 @@ def _write_users(
                 cell = at + (x - first_x) // side * cells_y + (y - first_y) // side
                 while number >= 0:
                     spot = state.spots[number]
-                    _count(drone, spot, cell, cells_x * cells_y, shown)
+                    _count(drone, spot, cell, cells_x * cells_y, channels)
                     number = spot.following
     out, one = drone.features, 1.0 / full
     for k in range(at, after.at):
@@ -195,10 +195,10 @@ def _write_users(
 
 
 @rule
-def _count(drone: Drone, spot: Spot, k: int, cells: int, shown: tuple[bool, bool, bool]) -> None:
+def _count(drone: Drone, spot: Spot, k: int, cells: int, channels: tuple[bool, bool, bool]) -> None:
     """Count a user in a cell, which is feature ``k`` of the first channel."""
     out = drone.features
-    users, requests, demand = shown
+    users, requests, demand = channels
     if users:
         channel = 0
         if spot.holder >= 0:

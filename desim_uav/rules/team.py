@@ -47,12 +47,12 @@ class Team(RowObservation):
         modes = MODES if facts.some_charge else MODES[:1]
         away = ["east", "north"] + ["up"] * facts.three_d
         rest = [*modes, *["battery"] * facts.some_charge]
-        shown = [
+        of_others = [
             Feature(f"other{k}_{name}", -1.0 if name in away else 0.0, 1.0, False)
             for k in range(self.others or facts.drones - 1)
             for name in (*away, *rest)
         ]
-        return (*Local().features(facts), *shown)
+        return (*Local().features(facts), *of_others)
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the features, all real numbers, into ``drone.features``."""

@@ -61,8 +61,8 @@ class Slot:
     ) -> JsonSchemaValue:
         """Return the schema of all built-in components and of a plug-in."""
         forms = [self._built_in_schema(kind) for kind in registry.names(self.name)]
-        named = [{"enum": registry.names(self.name)}] if self.by_name else []
-        return {"anyOf": [*forms, *named, _PLUG_IN_SCHEMA]}
+        kinds = [{"enum": registry.names(self.name)}] if self.by_name else []
+        return {"anyOf": [*forms, *kinds, _PLUG_IN_SCHEMA]}
 
     def component_class(self, kind: str) -> type:
         """Return the class of a kind, ready for validation. Raises ValueError."""

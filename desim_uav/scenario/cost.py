@@ -311,11 +311,11 @@ def _features(scenario: Scenario) -> int:
     return int(features_of(scenario.drone_count, len(scenario.services)))
 
 
-def _named(parts: Iterable[CostPart], shown: Callable[[float], str]) -> str:
+def _named(parts: Iterable[CostPart], text_of: Callable[[float], str]) -> str:
     """The parts that make up most of a cost, the largest first, with their keys."""
     largest = sorted(parts, key=lambda part: -part.amount)
     most = [part for part in largest if part.amount > 0.1 * math.fsum(p.amount for p in largest)]
-    return "; ".join(f"{shown(p.amount)} for {p.what} ({', '.join(p.keys)})" for p in most)
+    return "; ".join(f"{text_of(p.amount)} for {p.what} ({', '.join(p.keys)})" for p in most)
 
 
 def _in_numbers(amount: float) -> str:

@@ -323,9 +323,9 @@ class Scenario(Section):
         They do if all types of drones fly freely, or all from cell to cell.
         """
         if self.mixed:
-            named = list(zip(self.type_names, self.fleet, strict=True))
-            free = ", ".join(name for name, drones in named if flies_freely(drones))
-            cells = ", ".join(name for name, drones in named if not flies_freely(drones))
+            types = list(zip(self.type_names, self.fleet, strict=True))
+            free = ", ".join(name for name, drones in types if flies_freely(drones))
+            cells = ", ".join(name for name, drones in types if not flies_freely(drones))
             raise ScenarioError(
                 f"drones: the types {free} fly freely (motion: space: free) and the types {cells} "
                 f"from cell to cell; {what} needs drones of one of the two kinds"

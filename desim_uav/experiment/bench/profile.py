@@ -59,8 +59,8 @@ def panels(tables: Sequence[dict[str, Any]]) -> list[Panel]:
 
 def shares(strata: Sequence[Floats], scores: Floats) -> Floats:
     """Return the share of runs that reach each score; each task counts the same."""
-    reached = [(stratum[..., None, :] >= scores[:, None]).mean(axis=-1) for stratum in strata]
-    return np.asarray(np.mean(reached, axis=0), dtype=float)
+    shares_of = [(stratum[..., None, :] >= scores[:, None]).mean(axis=-1) for stratum in strata]
+    return np.asarray(np.mean(shares_of, axis=0), dtype=float)
 
 
 def _curve(row: dict[str, Any]) -> Curve:

@@ -75,9 +75,9 @@ def check(
     for policy in policies:
         load_policy(policy)  # before the engine is loaded, which takes seconds
     about(task, track, policies)
-    scenario, named = task.scenario(track), {policy: policy for policy in policies}
-    try_on(scenario, named, seeds, ENGINE)
-    return out_of_place(scenario, named, seeds)
+    scenario, by_name = task.scenario(track), {policy: policy for policy in policies}
+    try_on(scenario, by_name, seeds, ENGINE)
+    return out_of_place(scenario, by_name, seeds)
 
 
 def within_budget(task: Task, training_steps: int | None) -> None:

@@ -37,9 +37,9 @@ def _differences(first: Run, second: Run) -> Iterator[tuple[str, Any, Any]]:
     keys = sorted(key for key in one.keys() | other.keys() if one.get(key) != other.get(key))
     unlike = [key for key in keys if key not in SEEDS]
     if unlike:
-        named = ", ".join(unlike[:MOST_NAMED]) + (", …" if len(unlike) > MOST_NAMED else "")
+        keys_in_words = ", ".join(unlike[:MOST_NAMED]) + (", …" if len(unlike) > MOST_NAMED else "")
         key = unlike[0]
-        yield f"scenario ({named}): {key}", one.get(key), other.get(key)
+        yield f"scenario ({keys_in_words}): {key}", one.get(key), other.get(key)
     if first.settings.seed != second.settings.seed:
         yield "seed", first.settings.seed, second.settings.seed
     if first.settings.world_seed != second.settings.world_seed:

@@ -146,9 +146,9 @@ class Done:
     def markdown(self, command: Sequence[str]) -> str:
         """Return the table as Markdown, with the command that made it."""
         first = self.jobs[0]
-        named = self.headings().index("policy") + 1
+        columns = self.headings().index("policy") + 1
         heading, *lines = (
-            [*map(escaped.markdown, line[:named]), *line[named:]]
+            [*map(escaped.markdown, line[:columns]), *line[columns:]]
             for line in (self.headings(), *self.lines())
         )
         rule = ["---" for _ in heading]

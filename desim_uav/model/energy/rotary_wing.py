@@ -163,8 +163,8 @@ class RotaryWing(RowEnergy):
         """The parameters of the rotor."""
         if self.mass_kg is not None:
             return rotor_of(self.mass_kg, self._datasheet_w - self.electronics_w)
-        named: Rotor = ROTORS.get(self.parameters, self.parameters)
-        return named
+        rotor: Rotor = ROTORS.get(self.parameters, self.parameters)
+        return rotor
 
     @property
     def powers(self) -> Powers:
@@ -314,6 +314,6 @@ def piece_j(own: Any, piece: Any, level: float, passes_s: float) -> float:
     acceleration, speed = level * piece.acceleration_mps2, level * piece.speed_mps
     if acceleration == 0.0:
         return float(power_w(own, speed) * passes_s + electronics_j)
-    reached = max(0.0, speed + acceleration * passes_s)
-    drag_j = (speeding_j(own, reached) - speeding_j(own, speed)) / acceleration
+    end_mps = max(0.0, speed + acceleration * passes_s)
+    drag_j = (speeding_j(own, end_mps) - speeding_j(own, speed)) / acceleration
     return float(drag_j + electronics_j)

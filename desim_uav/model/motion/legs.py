@@ -80,8 +80,8 @@ def leg_between(
     if not speed > 0.0:
         return FreeLeg(route, distance, 0.0, 0.0, np.inf, -1)
     acceleration = acceleration_along(limits, ahead)
-    reached, duration = fastest(distance, speed, acceleration)
-    return FreeLeg(route, distance, reached, acceleration, duration, int(np.rint(duration * 1e6)))
+    speed_mps, duration = fastest(distance, speed, acceleration)
+    return FreeLeg(route, distance, speed_mps, acceleration, duration, int(np.rint(duration * 1e6)))
 
 
 @part

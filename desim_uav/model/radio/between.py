@@ -214,13 +214,13 @@ def _follow(
     last = leg_near(legs, begin_walk, end_walk, end_us, walk)
     x, y = walked(legs, last, end_us)
     x, y = centre_x - x, centre_y - y
-    reached, after = one.now, climb.rings_m[1][group]
-    while reached < stop and beyond(x, y, after[reached]) <= 0.0:
-        reached += 1
-    while reached > first and beyond(x, y, after[reached - 1]) > 0.0:
-        reached -= 1
-    if reached != one.now:
-        one = passed(one, reached, end_us, user, out)
+    link_class, after = one.now, climb.rings_m[1][group]
+    while link_class < stop and beyond(x, y, after[link_class]) <= 0.0:
+        link_class += 1
+    while link_class > first and beyond(x, y, after[link_class - 1]) > 0.0:
+        link_class -= 1
+    if link_class != one.now:
+        one = passed(one, link_class, end_us, user, out)
     return one.total
 
 

@@ -60,14 +60,14 @@ def sight_changes(
     buildings: Buildings,
     buffers: Buffers,
     span_us: tuple[int, int],
-    held: int,
+    initial: int,
     out: Table[Turn],
 ) -> int:
     """Write when the line between a user and a drone becomes blocked or clear.
 
     ``user`` and ``drone`` are their tracks in ``tracks`` (not relative), of the same span; between
     two rows the drone flies straight on and does not turn back. Turns go into ``out``.
-    ``held`` is the state before the span: a row at its start says if it is another one there.
+    ``initial`` is the state before the span: a row at its start says if it is another one there.
     States at both ends of the span depend on the places there only, and changes in one microsecond
     cancel.
 
@@ -76,7 +76,9 @@ def sight_changes(
     rows that it needs.
     """
     i, j = user[0], drone[0]
-    rows = note(out, 0, held, span_us[0], state_at(tracks[i], tracks[j], 0.0, buildings, buffers))
+    rows = note(
+        out, 0, initial, span_us[0], state_at(tracks[i], tracks[j], 0.0, buildings, buffers)
+    )
     end = tracks[user[1] - 1].begin_s
     at, stretches = 0.0, 0
     while at < end:
@@ -98,13 +100,13 @@ def sight_changes(
             k += 1
         if until - since > GAP_S:
             if since - clear > GAP_S:
-                rows = note(out, rows, held, rounded_us(span_us[0], clear), CLEAR)
-            rows = note(out, rows, held, rounded_us(span_us[0], since), BLOCKED)
+                rows = note(out, rows, initial, rounded_us(span_us[0], clear), CLEAR)
+            rows = note(out, rows, initial, rounded_us(span_us[0], since), BLOCKED)
             clear = until
     if clear < end:
-        rows = note(out, rows, held, rounded_us(span_us[0], clear), CLEAR)
+        rows = note(out, rows, initial, rounded_us(span_us[0], clear), CLEAR)
     last = state_at(tracks[user[1] - 1], tracks[drone[1] - 1], end, buildings, buffers)
-    return note(out, rows, held, span_us[1], last)
+    return note(out, rows, initial, span_us[1], last)
 
 
 @kernel
