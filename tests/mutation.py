@@ -233,7 +233,7 @@ MUTATIONS = (
         "admission stops at the first request that does not fit",
         "rules/admission.py",
         "            if fits(world, drone, user.request.needs_hz):\n",
-        "            if kept == 0 and fits(world, drone, user.request.needs_hz):\n",
+        "            if count == 0 and fits(world, drone, user.request.needs_hz):\n",
         ("engine/test_admission.py",),
     ),
     Mutation(
@@ -529,7 +529,7 @@ MUTATIONS = (
     Mutation(
         "free flight: a drone at an obstacle cannot fly away",
         "model/geometry/prisms.py",
-        "deepest > max(held, TOUCH_M)",
+        "deepest > max(depth_m, TOUCH_M)",
         "deepest > -TOUCH_M",
         ("model/geometry/test_prisms.py",),
     ),

@@ -174,7 +174,7 @@ def _write_users(
     channels: tuple[bool, bool, bool],
     full: float,
 ) -> Window:
-    """Count in each cell what is ``channels``: users, requests, and what these still need."""
+    """Count in each cell, for the ``channels`` there are: users, requests, what these need."""
     first_x, first_y, cells_x, cells_y, side, at = window
     after = _behind(window, 3 * int(channels[0]) + 2 * int(channels[1]) + int(channels[2]))
     if after.at == at:
