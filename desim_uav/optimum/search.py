@@ -1,9 +1,9 @@
 """The search for the best cover: an integer program, which HiGHS solves.
 
-A footprint is the set of users that a drone at one place covers, as a row of ``held`` (footprints,
-users). A placement has the index of each drone's footprint; several drones may have the same one.
-Users are counted in whole numbers. Only the bound on what other placements cover is HiGHS's, which
-computes with floating-point numbers.
+A footprint is the set of users that a drone at one place covers, as a row of ``covers``
+(footprints, users). A placement has the index of each drone's footprint; several drones may have
+the same one. Users are counted in whole numbers. Only the bound on what other placements cover is
+HiGHS's, which computes with floating-point numbers.
 """
 
 from __future__ import annotations
