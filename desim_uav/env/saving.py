@@ -139,15 +139,15 @@ def _stage_of(session: Session, scenario: Scenario) -> int:
     return _stage_of_hash(session, scenario_hash(seedless(scenario)))
 
 
-def _stage_of_hash(session: Session, wanted: str, where: str = "") -> int:
+def _stage_of_hash(session: Session, digest: str, where: str = "") -> int:
     """Return the stage whose scenario has this hash. Raises StateError if none has."""
     own = [scenario_hash(seedless(scenario)) for _, scenario in session.tasks.stages]
-    if wanted not in own:
+    if digest not in own:
         raise StateError(
-            f"{where}the saved state is of another scenario (hash {wanted[:12]}) than this one "
+            f"{where}the saved state is of another scenario (hash {digest[:12]}) than this one "
             f"({own[session.stage][:12]})"
         )
-    return session.stage if own[session.stage] == wanted else own.index(wanted)
+    return session.stage if own[session.stage] == digest else own.index(digest)
 
 
 def _enter(
