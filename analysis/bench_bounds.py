@@ -17,7 +17,7 @@ from contextlib import closing
 
 from desim_uav.disk import write_at
 from desim_uav.experiment.bench.bounds import COLUMNS, compute, has_bound, kept
-from desim_uav.experiment.bench.tasks import TRACKS, Task, Track, find_task, tasks
+from desim_uav.experiment.bench.tasks import TRACKS, BenchTrack, Task, find_task, tasks
 from desim_uav.experiment.processes import run_each
 from desim_uav.shipped import bench_folder
 
@@ -53,7 +53,7 @@ def complete(chosen: Sequence[Task], jobs: int, *, anew: bool = False) -> None:
     kept.cache_clear()
 
 
-def bounds(task: Task, track: Track, seeds: Sequence[int]) -> dict[int, float]:
+def bounds(task: Task, track: BenchTrack, seeds: Sequence[int]) -> dict[int, float]:
     """Return the bounds of runs by their seeds."""
     found = {seed: compute(task, track, seed) for seed in seeds}
     return {seed: value for seed, value in found.items() if value is not None}

@@ -37,13 +37,13 @@ from desim_uav.experiment.bench.tasks import (
     SIZES,
     TRACKS,
     TRAINING_SEEDS,
+    BenchTrack,
     Task,
-    Track,
     find_task,
     tasks,
 )
 from desim_uav.experiment.processes import run_each
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import RunPlace
 
 FOLDER = Path(__file__).parent / "leaderboard"
 MADE = Path("runs") / "leaderboard"
@@ -179,7 +179,7 @@ def told_missing(part: str = "") -> list[str]:
     return rows + leaderboard_ppo.told_missing(part)
 
 
-def is_up_to_date(entry: Entry, track: Track) -> bool:
+def is_up_to_date(entry: Entry, track: BenchTrack) -> bool:
     """Return whether a submission is there, of this version of the task, with all its runs."""
     try:
         found = read(FOLDER / entry.label(track.name))
@@ -231,7 +231,7 @@ def make(entry: Entry, tracks: Sequence[str]) -> dict[str, float]:
         command += ["--name", entry.name]
         command += [] if steps is None else ["--training-steps", str(steps)]
         submit(
-            *(entry.task, track, policies, Place(new, new.name)),
+            *(entry.task, track, policies, RunPlace(new, new.name)),
             name=entry.name,
             training_steps=steps,
             command=command,

@@ -30,7 +30,7 @@ from desim_uav.experiment.bench.submission import read
 from desim_uav.experiment.bench.tasks import USUAL, Task, find_task, find_track
 from desim_uav.experiment.processes import run_each
 from desim_uav.policies.mlp import MlpFile
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.load import loads
 from desim_uav.shipped import find_table
 
@@ -220,7 +220,7 @@ def make(entry: Entry, networks: Sequence[str], jobs: int) -> float:
     new = MADE / "new" / entry.name
     shutil.rmtree(new, ignore_errors=True)
     submit(
-        *(entry.task, track, networks, Place(new, new.name)),
+        *(entry.task, track, networks, RunPlace(new, new.name)),
         name=entry.kind,
         training_steps=steps,
         jobs=jobs,

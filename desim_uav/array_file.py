@@ -58,10 +58,10 @@ class Stored:
         with self._opened() as archive:
             _check_members(archive, {f"{name}.npy" for name in (ABOUT, *names)})
             self.about = _text(archive, longest_text)
-            found = self.about.get("format")
-            if found != version:
+            format_number = self.about.get("format")
+            if format_number != version:
                 raise ValueError(
-                    f"its format is {in_short(repr(found), 40)}; "
+                    f"its format is {in_short(repr(format_number), 40)}; "
                     f"this version of desim-uav reads format {version}"
                 )
             self.forms = {name: _form(archive, name) for name in names}
@@ -69,13 +69,13 @@ class Stored:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Read the arrays. Raises PolicyError, which names the file, if they are damaged."""
         with self._opened() as archive:
-            found = {}
+            content = {}
             for name, form in self.forms.items():
                 with archive.open(f"{name}.npy") as member:
-                    found[name] = npy.read_array(member, allow_pickle=False)
-                    if member.read(1) or (found[name].shape, found[name].dtype) != form:
+                    content[name] = npy.read_array(member, allow_pickle=False)
+                    if member.read(1) or (content[name].shape, content[name].dtype) != form:
                         raise ValueError(f"{name} was changed while it was read")
-            return found
+            return content
 
     @contextmanager
     def _opened(self) -> Iterator[zipfile.ZipFile]:
@@ -136,9 +136,9 @@ def _form(archive: zipfile.ZipFile, name: str) -> Form:
     if any(length < 0 for length in shape):
         raise ValueError(f"the shape of {name} has a negative length")
     expected = header + math.prod(shape) * dtype.itemsize
-    found = archive.getinfo(f"{name}.npy").file_size
-    if expected != found:
-        raise ValueError(f"{name} has {found:,} bytes, but its header announces {expected:,}")
+    size = archive.getinfo(f"{name}.npy").file_size
+    if expected != size:
+        raise ValueError(f"{name} has {size:,} bytes, but its header announces {expected:,}")
     return Form(shape, dtype)
 
 

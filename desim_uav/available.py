@@ -48,15 +48,15 @@ def quota() -> float:
 
 def _groups(controller: str) -> Iterator[Path]:
     """Yield the folders of this process's control groups: its own, and those above to the root."""
-    found = [(MOUNT, ""), (MOUNT / "unified", ""), (MOUNT / controller, "")]
+    mounts = [(MOUNT, ""), (MOUNT / "unified", ""), (MOUNT / controller, "")]
     with suppress(OSError, ValueError):
         for line in GROUPS.read_text(encoding="utf-8").splitlines():
             _, controllers, path = line.split(":", 2)
             if not controllers:  # version 2
-                found += [(MOUNT, path), (MOUNT / "unified", path)]
+                mounts += [(MOUNT, path), (MOUNT / "unified", path)]
             elif controller in controllers.split(","):
-                found.append((MOUNT / controller, path))
-    for mount, path in found:
+                mounts.append((MOUNT / controller, path))
+    for mount, path in mounts:
         names = [name for name in path.split("/") if name not in ("", "..")]
         for depth in range(len(names), -1, -1):
             yield mount.joinpath(*names[:depth])
@@ -82,8 +82,8 @@ def _of_address_space() -> float:
         for kind, used in ((resource.RLIMIT_AS, pages[0]), (resource.RLIMIT_DATA, pages[5])):
             limit, _ = resource.getrlimit(kind)
             if limit != resource.RLIM_INFINITY:
-                taken = float(used) * os.sysconf("SC_PAGE_SIZE")
-                left = min(left, max(0.0, limit - taken))
+                used_bytes = float(used) * os.sysconf("SC_PAGE_SIZE")
+                left = min(left, max(0.0, limit - used_bytes))
     return left
 
 
@@ -92,8 +92,8 @@ def _left_in(folder: Path) -> float:
     left = math.inf
     for limit, used, reclaimable in MEMORY:
         with suppress(OSError, ValueError):
-            whole, taken = (float((folder / file).read_text()) for file in (limit, used))
-            left = min(left, max(0.0, whole - max(0.0, taken - _entry(folder, reclaimable))))
+            whole, used_bytes = (float((folder / file).read_text()) for file in (limit, used))
+            left = min(left, max(0.0, whole - max(0.0, used_bytes - _entry(folder, reclaimable))))
     return left
 
 

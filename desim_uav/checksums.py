@@ -55,12 +55,12 @@ def verify(file: Path, strangers: bool = False) -> None:
             return
         if expected is None:
             raise PolicyError(f"{file}: {SUMS} does not list this file")
-        found = _sha256(file)
+        actual = _sha256(file)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         wrong = getattr(error, "filename", None) or sums
         raise PolicyError(f"{wrong}: cannot be read: {reason}") from error
-    if found != expected:
+    if actual != expected:
         raise PolicyError(
             f"{file}: the file has changed since it was written (delete {SUMS} to use it anyway)"
         )
@@ -69,14 +69,14 @@ def verify(file: Path, strangers: bool = False) -> None:
 def _read(sums: Path) -> dict[str, str]:
     if not sums.is_file() or sums.stat().st_size > LONGEST:
         raise ValueError("it is not a list of checksums")
-    found = {}
+    sum_of = {}
     lines = sums.read_text(encoding="utf-8").removesuffix("\n").split("\n")
     for number, line in enumerate(lines if lines != [""] else [], 1):
         match = LINE.fullmatch(line)
-        if match is None or match[2] in found:
+        if match is None or match[2] in sum_of:
             raise ValueError(f"line {number} must be a checksum and the name of a file")
-        found[match[2]] = match[1].lower()
-    return found
+        sum_of[match[2]] = match[1].lower()
+    return sum_of
 
 
 def _lines(digests: Mapping[str, str]) -> str:

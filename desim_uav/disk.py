@@ -38,15 +38,15 @@ def file_place(out: Path, option: str = "") -> Path:
 
     ``option`` names the option in messages. Raises UsageError if no file can be written there.
     """
-    named = f"{option} {out}".strip()
+    label = f"{option} {out}".strip()
     try:
         place = followed(out)
         if place.exists() and not place.is_file():
-            raise UsageError(f"{named}: exists and is not a file")
+            raise UsageError(f"{label}: exists and is not a file")
         try_writing(next(folder for folder in place.parents if folder.exists()))
     except OSError as error:
         reason = error.strerror or error
-        raise UsageError(f"{named}: the folder cannot be written to: {reason}") from error
+        raise UsageError(f"{label}: the folder cannot be written to: {reason}") from error
     return place
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from desim_uav.copies import Unchanging
-from desim_uav.model.energy.battery import capacity_of, in_joules, per_second_of
+from desim_uav.model.energy.battery import capacity_of, drain_per_s_of, in_joules
 from desim_uav.model.geometry.grid import Cell, Grid
 from desim_uav.model.geometry.prisms import Zone
 from desim_uav.model.motion.motion import (
@@ -75,18 +75,18 @@ class DroneType(Unchanging):
         )
 
     @cached_property
-    def capacity_us(self) -> int:
+    def capacity(self) -> int:
         """The capacity of a battery in units of the energy model; 0 if it is unlimited."""
         return capacity_of(self.drones.battery)
 
     @cached_property
-    def per_second(self) -> int:
+    def drain_per_s(self) -> int:
         """How many units of its battery a drone takes in a second of hovering."""
-        return per_second_of(self.drones.battery, self.rest.side_mps)
+        return drain_per_s_of(self.drones.battery, self.rest.side_mps)
 
     def hover_us(self, charge: int) -> int:
         """Return for how many microseconds of hovering a charge lasts."""
-        return charge if self.per_second == US else round(charge * US / self.per_second)
+        return charge if self.drain_per_s == US else round(charge * US / self.drain_per_s)
 
     @property
     def in_joules(self) -> bool:
@@ -94,15 +94,15 @@ class DroneType(Unchanging):
         return in_joules(self.drones.battery) > 0
 
     @cached_property
-    def full_us(self) -> int:
+    def full(self) -> int:
         """The charge at which a battery counts as full; 0 if it is unlimited."""
         charging = self.scenario.charging
-        return 0 if charging is None or not self.limited else charging.full(self.capacity_us)
+        return 0 if charging is None or not self.limited else charging.full(self.capacity)
 
     def until_full_us(self, battery: int) -> int:
         """Return the time to charge a battery that holds so much, in microseconds."""
         charging = self.scenario.charging
-        return 0 if charging is None else charging.until_full_us(battery, self.capacity_us)
+        return 0 if charging is None else charging.until_full_us(battery, self.capacity)
 
     @cached_property
     def full_charge_us(self) -> int:
@@ -110,10 +110,10 @@ class DroneType(Unchanging):
         return self.until_full_us(0)
 
     @cached_property
-    def return_below_us(self) -> int:
+    def return_charge(self) -> int:
         """The battery level at or below which a drone may return, in units of the battery."""
         battery = self.drones.battery
-        return 0 if battery is None else round(battery.return_below * self.capacity_us)
+        return 0 if battery is None else round(battery.return_below * self.capacity)
 
     @cached_property
     def respawn_after_us(self) -> int:
@@ -165,8 +165,8 @@ class DroneType(Unchanging):
         energy = self.drones.battery
         if energy is None:
             return Planner(self.grid, self.stations, hop_us)
-        drain_us = tuple(energy.drained_us(each, each.duration_us) for each in flights)
-        return Planner(self.grid, self.stations, hop_us, drain_us)
+        hop_drains = tuple(energy.drain_of(each, each.duration_us) for each in flights)
+        return Planner(self.grid, self.stations, hop_us, hop_drains)
 
     def _motion(self, move: Node) -> Motion:
         """Return the motion in the direction of a move, given the wind."""

@@ -106,17 +106,17 @@ def in_short(what: object, longest: int = 200) -> str:
     return printable(text if len(text) <= longest else f"{text[: longest - 1]}…")
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, words: Iterable[str]) -> str:
     """Return `` (did you mean 'x'?)`` for the nearest known word, or "" if none is near."""
-    nearest = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    nearest = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
     return f" (did you mean {nearest[0]!r}?)" if nearest else ""
 
 
 def has_instead(of: type, name: str) -> str:
     """Return the fields of a row or record that lacks ``name``, for a message, or ""."""
     listings = ("kinds", "__dataclass_fields__", "_fields")
-    known = next((list(vars(of)[each]) for each in listings if each in vars(of)), [])
-    return f"{did_you_mean(name, known)}; it has {', '.join(known)}" if known else ""
+    fields = next((list(vars(of)[each]) for each in listings if each in vars(of)), [])
+    return f"{did_you_mean(name, fields)}; it has {', '.join(fields)}" if fields else ""
 
 
 def notice(words: str) -> None:

@@ -15,8 +15,8 @@ def names_in_stub(file: str) -> dict[str, str]:
     """Return the names that the stub beside a package's file imports, each with its module."""
     tree = ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8"))
     imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
-    found = {name.name: node.module or "" for node in imports for name in node.names}
-    return dict(sorted(found.items()))
+    module_of = {name.name: node.module or "" for node in imports for name in node.names}
+    return dict(sorted(module_of.items()))
 
 
 def after_import(package: str, then: Callable[[], Any]) -> None:

@@ -63,7 +63,7 @@ def links_of(
     points = scenario.access_points
     antennas += [(point.radio, None, 0.0, (point.height_m,)) for point in points]
     free = [own.free for own in types] + [False] * len(points)
-    made = []
+    links = []
     for (radio, kbps, disc_m, antennas_m), is_free in zip(antennas, free, strict=True):
         radii_m = [
             [radio.radii_m(antenna_m - user_m, disc_m) for user_m in heights_m]
@@ -72,5 +72,5 @@ def links_of(
         changes = len(antennas_m) > 1 or radio.reuse > 0 or by_level or radio.marked
         in_air = bool(radio.graded and changes)
         hz = radio.bandwidth_hz(kbps)
-        made.append(Links(radio, hz, np.array(radii_m), in_air, is_free))
-    return tuple(made)
+        links.append(Links(radio, hz, np.array(radii_m), in_air, is_free))
+    return tuple(links)

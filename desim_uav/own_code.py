@@ -69,9 +69,9 @@ def check_place(module: ModuleType) -> None:
     """
     root = sys.modules.get(module.__name__.partition(".")[0], module)
     have = getattr(root, "__file__", None)
-    found = PathFinder.find_spec(root.__name__, sys.path) if root.__name__ != "__main__" else None
-    if have and found and found.has_location and found.origin:
-        here, there = Path(have).resolve(), Path(found.origin).resolve()
+    spec = PathFinder.find_spec(root.__name__, sys.path) if root.__name__ != "__main__" else None
+    if have and spec and spec.has_location and spec.origin:
+        here, there = Path(have).resolve(), Path(spec.origin).resolve()
         if here != there:
             raise ValueError(
                 f"there are two modules {root.__name__!r}: Python has imported {here}, and would "
@@ -91,19 +91,19 @@ def _files_of(name: str) -> Iterator[_File]:
 
 def _file(name: str, root: str) -> _File | None:
     """Return the file of a module, as it was when it was first looked at since its import."""
-    path, module, known = _path(name, root), sys.modules.get(name), _FILES.get(name)
+    path, module, entry = _path(name, root), sys.modules.get(name), _FILES.get(name)
     if path is None:
         return None
     spec = getattr(module, "__spec__", None)
-    if known is None or known.spec is not spec or known.path != path:
+    if entry is None or entry.spec is not spec or entry.path != path:
         status, text = _status(path), _read(path)
         if text is None:
             return None
         sha256, package = hashlib.sha256(text).hexdigest(), name.rpartition(".")[0]
-        found = _imports(text, getattr(module, "__package__", None) or package)
-        imports = tuple(other for other in found if _path(other, root) is not None)
-        known = _FILES[name] = _File(path, spec, status, sha256, _code(text), imports)
-    return known
+        names = _imports(text, getattr(module, "__package__", None) or package)
+        imports = tuple(other for other in names if _path(other, root) is not None)
+        entry = _FILES[name] = _File(path, spec, status, sha256, _code(text), imports)
+    return entry
 
 
 def _path(name: str, root: str) -> Path | None:
@@ -125,10 +125,10 @@ def _is_own(path: Path, name: str, root: str) -> bool:
 
 def _status(path: Path) -> tuple[int, ...]:
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return ()
-    return found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino
+    return status.st_mtime_ns, status.st_ctime_ns, status.st_size, status.st_ino
 
 
 def _read(path: Path) -> bytes | None:
@@ -153,17 +153,17 @@ def _imports(text: bytes, package: str) -> tuple[str, ...]:
         tree = ast.parse(text)
     except (SyntaxError, ValueError):
         return ()
-    found = list[str]()
+    modules = list[str]()
     for node in ast.walk(tree):
         match node:
             case ast.Import(names=names):
-                found += [one.name for one in names]
+                modules += [one.name for one in names]
             case ast.ImportFrom(module=module, names=names, level=level):
                 parts = package.split(".") if level else []
                 base = [*parts[: len(parts) - level + 1], *([module] if module else [])]
-                found += [".".join(base), *(".".join([*base, one.name]) for one in names)]
+                modules += [".".join(base), *(".".join([*base, one.name]) for one in names)]
     whole: dict[str, Any] = {}
-    for name in found:
+    for name in modules:
         parts = name.split(".")
         whole |= dict.fromkeys(".".join(parts[:k]) for k in range(1, len(parts) + 1))
     return tuple(name for name in whole if name and "*" not in name)

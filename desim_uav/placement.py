@@ -80,7 +80,7 @@ def draw_clusters(scenario: Scenario, seed: int) -> NDArray[np.float64]:
     if clusters is None:
         return np.empty((0, 3))
     streams = Streams(seed, Purpose.WORLD)
-    drawn = []
+    circles = []
     for cluster in range(clusters.count):
         rng = streams.generator(1 + cluster)
         radius = rng.uniform(*clusters.radius_m)
@@ -89,8 +89,8 @@ def draw_clusters(scenario: Scenario, seed: int) -> NDArray[np.float64]:
             rng.uniform(margin, side - margin)
             for margin, side in zip(margins, scenario.map.size_m, strict=True)
         )
-        drawn.append((x, y, radius))
-    return np.array(drawn)
+        circles.append((x, y, radius))
+    return np.array(circles)
 
 
 def draw_homes(

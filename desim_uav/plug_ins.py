@@ -26,12 +26,12 @@ class Admission:
 
     def __init__(self) -> None:
         self._refuses = self._says = False
-        self._said: set[Path] = set()
+        self._folders: set[Path] = set()
 
     def begin(self, refuses: bool) -> None:
         """Begin a command of the command line, which refuses components of one's own or not."""
         self._refuses, self._says = refuses, True
-        self._said.clear()
+        self._folders.clear()
 
     def end(self) -> None:
         """End the command: what Python code imports after it is neither refused nor announced."""
@@ -46,10 +46,10 @@ class Admission:
         if self._refuses:
             raise ValueError(REFUSED)
         folder = _folder_of(name.rpartition(":")[0]) if self._says else None
-        if folder is None or folder in self._said:
+        if folder is None or folder in self._folders:
             return
-        self._said.add(folder)
-        if not any(folder.is_relative_to(known) for known in _chosen()):
+        self._folders.add(folder)
+        if not any(folder.is_relative_to(place) for place in _code_folders()):
             notice(f"{name!r} is imported from {folder}, which runs its code (see --no-plugins)")
 
 
@@ -73,12 +73,14 @@ def _folder_of(module: str) -> Path | None:
     return None
 
 
-def _chosen() -> list[Path]:
+def _code_folders() -> list[Path]:
     """Return the folders whose code the user has chosen to run."""
-    found = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
-    found += [Path(place) for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
-    found += [Path(__file__).parents[1], Path(sys.prefix)]
+    folders = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+    folders += [
+        Path(place) for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place
+    ]
+    folders += [Path(__file__).parents[1], Path(sys.prefix)]
     here = Path.cwd()
     project = (at for at in (here, *here.parents) if any((at / name).exists() for name in PROJECT))
-    found += [at for at in (next(project, None),) if at is not None]
-    return [place.resolve() for place in found]
+    folders += [at for at in (next(project, None),) if at is not None]
+    return [place.resolve() for place in folders]

@@ -76,8 +76,8 @@ def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float)
         derived["throughput_kbps"] = 1000 * delivered / open_s.where(open_s > 0)
     if "stages" in requests:
         several = requests["stages"] > 1
-        done = (requests["stages_done"] + requests["stage_done"]) / requests["stages"]
-        derived["qoe1"] = done.where(several, derived["qoe1"])
+        share = (requests["stages_done"] + requests["stage_done"]) / requests["stages"]
+        derived["qoe1"] = share.where(several, derived["qoe1"])
     feasible_s = requests["requested_s"].clip(upper=left_s)
     derived["qoe1_feasible"] = requests["served_s"] / feasible_s.where(feasible_s > 0)
     if "stages" in requests:
@@ -234,8 +234,8 @@ class Fairness:
         sums = np.bincount(of_request, requests["qoe1"].to_numpy(), len(users))
         counts = np.bincount(of_request, minlength=len(users))
         for one, total, count in zip(users.tolist(), sums.tolist(), counts.tolist(), strict=True):
-            before, asked = self._of_users.get(one, (0.0, 0))
-            self._of_users[one] = before + total, asked + count
+            before, requests_before = self._of_users.get(one, (0.0, 0))
+            self._of_users[one] = before + total, requests_before + count
         return self
 
     def of_each_user(self) -> NDArray[np.float64]:

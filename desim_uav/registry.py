@@ -35,7 +35,7 @@ FAULTS = (Exception, SystemExit)
 T = TypeVar("T", bound=type)
 
 
-class Mark:
+class FieldMark:
     """Marks a field of a component, in its annotation, with what a scenario may say there.
 
     ``as_field`` returns what validates the field; ``scenario.components`` sets it.
@@ -45,15 +45,15 @@ class Mark:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """Return the validation of the field."""
-        return Mark.as_field(self).__get_pydantic_core_schema__(source, handler)
+        return FieldMark.as_field(self).__get_pydantic_core_schema__(source, handler)
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
         """Return the JSON Schema of the field."""
-        return Mark.as_field(self).__get_pydantic_json_schema__(schema, handler)
+        return FieldMark.as_field(self).__get_pydantic_json_schema__(schema, handler)
 
 
 @dataclass(frozen=True)
-class Part(Mark):
+class ComponentField(FieldMark):
     """Marks a field that is a component itself: its slot, default kind and interface.
 
     ``by_name``: the name of a kind alone stands for a component without parameters.
@@ -66,7 +66,7 @@ class Part(Mark):
 
 
 @dataclass(frozen=True)
-class NameOr(Mark):
+class NameOr(FieldMark):
     """Marks a field that is one of some names, if any, or else of the type ``form``.
 
     The form is a named tuple, which a mapping stands for, or an annotated tuple of such ones.
@@ -81,7 +81,7 @@ class NameOr(Mark):
 
 
 @dataclass(frozen=True)
-class Checked(Mark):
+class Checked(FieldMark):
     """Marks a field whose value must pass a check, which raises ValueError with the reason."""
 
     check: Callable[[Any], None]
@@ -143,12 +143,12 @@ def what_failed(error: BaseException) -> str:
     own = [at for at in frames if at[0].co_filename in _PLUG_INS] or [
         at for at in frames if _is_foreign(at[0])
     ]
-    said = f"{type(error).__name__}: {error}{_fields(error)}"
+    message = f"{type(error).__name__}: {error}{_fields(error)}"
     if not own:
-        return said
+        return message
     code, line = own[-1]
     within = "" if code.co_name == "<module>" else f", in {code.co_qualname}"
-    return f"{said} ({code.co_filename}:{line}{within})"
+    return f"{message} ({code.co_filename}:{line}{within})"
 
 
 def _fields(error: BaseException) -> str:
@@ -215,7 +215,7 @@ def _import_class(name: str) -> type:
             classes = [key for key, one in vars(module).items() if isinstance(one, type)]
             nearest = did_you_mean(class_name, classes)
             raise _NotThereError(f"{module_name!r} has no {class_name!r}{nearest}")
-        found = getattr(module, class_name)
+        class_ = getattr(module, class_name)
     except _NotThereError as error:
         raise ValueError(f"cannot import {name!r}: {error}") from error
     except FAULTS as error:
@@ -227,8 +227,8 @@ def _import_class(name: str) -> type:
     except ValueError as error:
         raise ValueError(f"cannot use {name!r}: {error}") from error
     _PLUG_INS[str(getattr(module, "__file__", None))] = module_name
-    if not isinstance(found, type):
+    if not isinstance(class_, type):
         raise ValueError(f"{name!r} is not a class")
-    if "kind" not in vars(found):
-        found.kind = name  # type: ignore[attr-defined]
-    return found
+    if "kind" not in vars(class_):
+        class_.kind = name  # type: ignore[attr-defined]
+    return class_

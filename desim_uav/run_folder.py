@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 LONGEST_NAME = 200
 
 
-class Draft:
+class RunDraft:
     """A run folder that is being written, hidden beside its place until it is published."""
 
     def __init__(self, path: Path) -> None:
@@ -94,7 +94,7 @@ class Draft:
             ) from error
 
 
-class Place:
+class RunPlace:
     """The place of a new run folder: ``--out``, or the first free ``runs/NAME``, ``NAME-2`` …."""
 
     def __init__(self, out: Path | None, name: str) -> None:
@@ -105,7 +105,7 @@ class Place:
         self.name = re.sub(r"[^A-Za-z0-9._=-]+", "-", name[:LONGEST_NAME]).strip("-.") or "run"
 
     @contextmanager
-    def draft(self) -> Iterator[Draft]:
+    def draft(self) -> Iterator[RunDraft]:
         """Yield a draft beside the place; it is removed afterwards unless it was published.
 
         Raises UsageError if nothing can be written there, or if another process writes to ``out``.
@@ -120,7 +120,7 @@ class Place:
             raise UsageError(f"cannot write to {self.parent}: {error.strerror}") from error
         try:
             with nullcontext() if self.target is None else held(self.target):
-                yield Draft(path)
+                yield RunDraft(path)
         finally:
             shutil.rmtree(path, ignore_errors=True)
             if new:
@@ -137,7 +137,7 @@ class Place:
         """Return the existing folders at the possible places: the first, the second, …."""
         return list(takewhile(Path.exists, self._candidates()))
 
-    def publish(self, draft: Draft) -> Path:
+    def publish(self, draft: RunDraft) -> Path:
         """Seal a draft, move it to its place, and return the place. Never overwrites."""
         draft.seal()
         candidates = self._candidates()
@@ -146,7 +146,7 @@ class Place:
         sync_folder(self.parent)
         return self.out or candidate
 
-    def _moved(self, draft: Draft, candidate: Path) -> bool:
+    def _moved(self, draft: RunDraft, candidate: Path) -> bool:
         """Move a draft to a place; return False if it is taken and there are others."""
         try:
             draft.path.rename(candidate)
@@ -167,7 +167,7 @@ class Place:
                 number += 1
 
 
-class Replaced(Place):
+class Replaced(RunPlace):
     """The place of a run folder that its continuation replaces; other files in it are kept."""
 
     def __init__(self, folder: Path) -> None:
@@ -180,7 +180,7 @@ class Replaced(Place):
             raise UsageError(f"{folder}: {error.strerror or error}") from error
         self.out, self.parent, self.name = folder, self.target.parent, self.target.name
 
-    def _moved(self, draft: Draft, candidate: Path) -> bool:
+    def _moved(self, draft: RunDraft, candidate: Path) -> bool:
         """Put a draft in the place of the old folder, which stays if that fails."""
         old = self.parent / f".replaced-{uuid.uuid4().hex}"
         try:

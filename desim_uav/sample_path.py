@@ -159,15 +159,15 @@ def _respawns(world: World, seed: Seeds, episodes: Sequence[int]) -> NDArray[np.
     if not world.stations or not world.scenario.limited_battery:
         return np.empty((len(episodes), drones, 0), np.int64)
     states = states_of(seed, Purpose.RESPAWN, episodes, drones)
-    drawn = _choices(states.reshape(-1, 4), epochs, len(world.stations))
-    return drawn.reshape(len(episodes), drones, epochs)
+    stations = _choices(states.reshape(-1, 4), epochs, len(world.stations))
+    return stations.reshape(len(episodes), drones, epochs)
 
 
 @maker
 def _choices(states: NDArray[np.uint64], count: int, options: int) -> NDArray[np.int64]:
     """Draw ``count`` uniform choices among 0 … options-1 from each stream."""
-    chosen = np.empty((len(states), count), np.int64)
+    numbers = np.empty((len(states), count), np.int64)
     for entity in range(len(states)):
         for k in range(count):
-            chosen[entity, k] = int(next_uniform(states[entity]) * options)
-    return chosen
+            numbers[entity, k] = int(next_uniform(states[entity]) * options)
+    return numbers

@@ -20,11 +20,11 @@ def scenario_names() -> list[str]:
 
 def scenario_path(name: str) -> Path:
     """The file of a shipped scenario. Raises ScenarioError with the nearest name."""
-    known = scenario_names()
-    if name not in known:
+    names = scenario_names()
+    if name not in names:
         raise ScenarioError(
-            f"{name}: neither a file nor a shipped scenario{did_you_mean(name, known)}; "
-            f"shipped: {', '.join(known)}"
+            f"{name}: neither a file nor a shipped scenario{did_you_mean(name, names)}; "
+            f"shipped: {', '.join(names)}"
         )
     return _folder("scenarios") / f"{name}.yaml"
 

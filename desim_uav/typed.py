@@ -41,13 +41,13 @@ class Within:
         """Return whether a number is within the bounds."""
         return self.low <= number <= self.high
 
-    def value(self, given: Any, said: str) -> Any:
+    def value(self, argument: Any, name: str) -> Any:
         """Return an argument as a number of Python. Raises ValueError, which names it as said."""
-        if _is_iterable(given) or not _is_number(given):
-            return given
-        number = float(given) if isinstance(self.low, float) else operator.index(given)
+        if _is_iterable(argument) or not _is_number(argument):
+            return argument
+        number = float(argument) if isinstance(self.low, float) else operator.index(argument)
         if not self.holds(number):
-            raise ValueError(f"{said}: {given!r}: must be {self.words}")
+            raise ValueError(f"{name}: {argument!r}: must be {self.words}")
         return number
 
 
@@ -67,12 +67,12 @@ class OneOf:
             return ""
         return f"{name!r}{did_you_mean(name, allowed)}; allowed: {', '.join(allowed)}"
 
-    def value(self, given: Any, said: str) -> Any:
+    def value(self, argument: Any, name: str) -> Any:
         """Return an argument. Raises ValueError, which names it as said."""
-        problem = self.problem(given) if isinstance(given, str) else ""
+        problem = self.problem(argument) if isinstance(argument, str) else ""
         if problem:
-            raise ValueError(f"{said}: {problem}")
-        return given
+            raise ValueError(f"{name}: {problem}")
+        return argument
 
 
 def typed(function: F, raises: type[Exception] = UsageError, names_in: str = "") -> F:
@@ -104,8 +104,8 @@ def typed(function: F, raises: type[Exception] = UsageError, names_in: str = "")
         if name not in kinds:
             return value
         if not kinds[name].has(value):
-            said = in_short(repr(value), 100)
-            raise raises(f"{name}: {said}: must be {kinds[name].one}")
+            text = in_short(repr(value), 100)
+            raise raises(f"{name}: {text}: must be {kinds[name].one}")
         for mark in marks[name]:
             try:
                 value = mark.value(value, name)
@@ -134,10 +134,10 @@ def hints_of(function: Callable[..., Any], names_in: str = "") -> dict[str, Any]
         if parameter.annotation is not parameter.empty and parameter.kind not in several
     }
     names_in = names_in or getattr(function, "__names_in__", "")
-    known = vars(importlib.import_module(names_in)) if names_in else {}
-    known = known | getattr(inspect.unwrap(function), "__globals__", {})
+    names = vars(importlib.import_module(names_in)) if names_in else {}
+    names = names | getattr(inspect.unwrap(function), "__globals__", {})
     holder = type("", (), {"__annotations__": texts})
-    return typing.get_type_hints(holder, known, include_extras=True)
+    return typing.get_type_hints(holder, names, include_extras=True)
 
 
 def marks_of(hint: Any) -> tuple[Within | OneOf, ...]:

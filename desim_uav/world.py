@@ -159,11 +159,11 @@ class World(Unchanging):
     @cached_property
     def planners(self) -> tuple[Planner, ...]:
         """The planners of returns, each of one or more types of drones."""
-        found: list[Planner] = []
+        planners: list[Planner] = []
         for planner in (each.planner for each in self.types if each.limited and not each.free):
-            if not any(planner.plans_as(other) for other in found):
-                found.append(planner)
-        return tuple(found)
+            if not any(planner.plans_as(other) for other in planners):
+                planners.append(planner)
+        return tuple(planners)
 
     def planner_number(self, number: int) -> int:
         """Return the number of the planner of a type of drones; 0 if it never returns."""
@@ -259,7 +259,7 @@ class World(Unchanging):
                 scenario.episode.steps,
                 self.step_us / US,
                 scenario.three_d,
-                each.capacity_us / each.per_second if each.limited else None,
+                each.capacity / each.drain_per_s if each.limited else None,
                 links.bandwidth_hz / 1000,
                 bool(links.radio.graded),
                 scenario.limited_battery,

@@ -233,7 +233,7 @@ MUTATIONS = (
         "admission stops at the first request that does not fit",
         "rules/admission.py",
         "            if fits(world, drone, user.request.needs_hz):\n",
-        "            if kept == 0 and fits(world, drone, user.request.needs_hz):\n",
+        "            if count == 0 and fits(world, drone, user.request.needs_hz):\n",
         ("engine/test_admission.py",),
     ),
     Mutation(
@@ -335,15 +335,15 @@ MUTATIONS = (
     Mutation(
         "a return is allowed at any charge of the battery",
         "rules/decide.py",
-        "may_return = limited and battery_us <= return_below_of(world, drone)",
+        "may_return = limited and charge <= return_below_of(world, drone)",
         "may_return = limited",
         ("engine/test_masks.py",),
     ),
     Mutation(
         "a drone with a full battery is allowed to charge",
         "rules/decide.py",
-        "is_full = battery_us >= full_of(world, drone)",
-        "is_full = battery_us > full_of(world, drone)",
+        "is_full = charge >= full_of(world, drone)",
+        "is_full = charge > full_of(world, drone)",
         ("engine/test_masks.py",),
     ),
     Mutation(
@@ -379,8 +379,8 @@ MUTATIONS = (
     Mutation(
         "a battery at exactly c1 counts as above it",
         "rules/rewards.py",
-        "if battery_us > round(c1_us):",
-        "if battery_us >= round(c1_us):",
+        "if charge > round(c1_us):",
+        "if charge >= round(c1_us):",
         ("model/test_rewards.py",),
     ),
     Mutation(
@@ -529,7 +529,7 @@ MUTATIONS = (
     Mutation(
         "free flight: a drone at an obstacle cannot fly away",
         "model/geometry/prisms.py",
-        "deepest > max(held, TOUCH_M)",
+        "deepest > max(depth_m, TOUCH_M)",
         "deepest > -TOUCH_M",
         ("model/geometry/test_prisms.py",),
     ),

@@ -10,7 +10,7 @@ from desim_uav.model.state import Facts, Observation
 from desim_uav.rowcode.components import over_rows
 from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules import rows
-from desim_uav.rules.rows import Cell, Constants, Drone, Plan, State, User
+from desim_uav.rules.rows import CellRow, Constants, Drone, PlanRow, State, User
 
 
 def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ()) -> Any:
@@ -19,8 +19,8 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     nx, ny = facts.grid.cells
     limited = observation.battery_s is not None
     world.limited, own = int(limited), blank(rows.TypeRow)
-    own.limited, own.capacity_us = int(limited), round((observation.capacity_s or 0.0) * US)
-    own.per_second = US
+    own.limited, own.capacity = int(limited), round((observation.capacity_s or 0.0) * US)
+    own.drain_per_s = US
     world.types = Table([own])
     world.sharers = facts.drones
     world.services, world.three_d, world.steps = services, int(facts.three_d), facts.steps
@@ -28,9 +28,9 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     world.cell_x_m, world.cell_y_m = facts.grid.cell_m
     world.levels_under_ceiling = facts.grid.levels_under_ceiling
     unlimited = math.isinf(facts.bandwidth_khz)
-    world.stations = Table(fill(Cell, cell) for cell in facts.stations)
+    world.stations = Table(fill(CellRow, cell) for cell in facts.stations)
     world.ceilings = Table([0] * facts.drones)
-    radio = blank(rows.Radio)
+    radio = blank(rows.RadioRow)
     radio.flat = 1  # the paper's disc
     radio.bandwidth_hz = -1 if unlimited else round(facts.bandwidth_khz * 1000)
     world.radios = Table([radio])
@@ -44,9 +44,9 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
             0,
             0,
         )
-    world.plans = Table([fill(Plan, plan)])
+    world.plans = Table([fill(PlanRow, plan)])
     state.drones = Table(blank(Drone) for _ in range(max(facts.drones, observation.drone + 1)))
-    state.observations = Table(blank(rows.Observation) for _ in state.drones)
+    state.observations = Table(blank(rows.ObservationRow) for _ in state.drones)
     state.users = Table(blank(User) for _ in range(facts.users))
     state.rewards, state.asked = Table([0.0] * len(state.drones)), Table(asked or [0] * services)
     state.counts = Table([0] * 2 * services * len(state.drones))
@@ -62,7 +62,7 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     drone.mode = seen.mode = int(observation.mode)
     seen.x, seen.y = observation.cell
     seen.level, seen.attached_users = observation.level, observation.attached_users
-    seen.battery_us = round((observation.battery_s or 0.0) * US)
+    seen.charge = round((observation.battery_s or 0.0) * US)
     seen.used_hz = round(observation.bandwidth_khz * 1000)
     return world, state, drone
 

@@ -22,7 +22,7 @@ from desim_uav.errors import PolicyError, ScenarioError, SimulationError
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.sweep.grid import axes
 from desim_uav.experiment.sweep.job import jobs, run_job
-from desim_uav.experiment.sweep.plan import Asked, arms, policy_digest
+from desim_uav.experiment.sweep.plan import SweepPlan, arms, policy_digest
 from desim_uav.model.radio.fits import _own
 from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.traces import index, read_table
@@ -223,7 +223,7 @@ def test_a_component_without_a_file_is_described_by_its_code():
 def test_a_job_of_a_sweep_is_another_one_after_a_change(folder: Path):
     def job() -> Any:
         again(folder)
-        asked = Asked(folder / "slow.yaml", [], ["hover"], False, None, [1], 1, 0, "des")
+        asked = SweepPlan(folder / "slow.yaml", [], ["hover"], False, None, [1], 1, 0, "des")
         return jobs(asked, arms(asked, axes([])))[0]
 
     before = job()

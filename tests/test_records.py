@@ -159,7 +159,7 @@ class TestSteps:
         assert steps[~steps["crashed"]]["n_b_s"].notna().any()
 
     @pytest.mark.parametrize(
-        ("return_us", "battery_us", "action", "expected"),
+        ("return_drain", "charge", "action", "expected"),
         [
             (math.inf, 5_000_000, Action.UP, (None, 5.0, "up")),
             (None, None, None, (None, None, None)),
@@ -167,10 +167,10 @@ class TestSteps:
             (1_500_000.0, 1, Action.LEFT, (1.5, 1e-6, "left")),
         ],
     )
-    def test_what_is_unknown_or_without_end_is_null(self, return_us, battery_us, action, expected):
+    def test_what_is_unknown_or_without_end_is_null(self, return_drain, charge, action, expected):
         step = Step(
-            *(0, 60_000_000, 0, 1.0, 2.0, 3.0, battery_us, Mode.FLYING, action, Action.HOVER),
-            *(0, 0, 96_000, return_us, 0, 0.25, 0.0, 0.0, 0.0, 0.0),
+            *(0, 60_000_000, 0, 1.0, 2.0, 3.0, charge, Mode.FLYING, action, Action.HOVER),
+            *(0, 0, 96_000, return_drain, 0, 0.25, 0.0, 0.0, 0.0, 0.0),
         )
         world = build_world(loads("seed: 0"), 0)
         row = steps_table([EpisodeLog(0, steps=[step])], world).iloc[0]

@@ -25,7 +25,7 @@ from desim_uav.experiment.run import headline
 from desim_uav.lock import held
 from desim_uav.parquet_file import read_table
 from desim_uav.records import EPISODES, REQUESTS, TABLES, USERS, to_frame
-from desim_uav.run_folder import Draft, Place
+from desim_uav.run_folder import RunDraft, RunPlace
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
@@ -115,7 +115,7 @@ class TestWhereItStands:
         count, found, barrier = 8, [], threading.Barrier(8)
 
         def publish(number):
-            place = Place(None, "same")
+            place = RunPlace(None, "same")
             with place.draft() as draft:
                 draft.write_text("who", str(number))
                 barrier.wait()
@@ -186,7 +186,7 @@ class TestOut:
             run(out=Path("disk"))
 
     def test_filled_by_another_in_the_meantime(self):
-        place = Place(Path("mine"), "name")
+        place = RunPlace(Path("mine"), "name")
         with pytest.raises(UsageError, match=r"cannot write to .*mine"), place.draft() as draft:
             draft.write_text("file", "text")
             Path("mine").mkdir()
@@ -328,7 +328,7 @@ class TestWholeOrNotAtAll:
         def end(*_):
             raise error
 
-        monkeypatch.setattr(Place if method == "publish" else Draft, method, end)
+        monkeypatch.setattr(RunPlace if method == "publish" else RunDraft, method, end)
         with pytest.raises(error):
             run()
         assert not Path("runs").exists()
@@ -358,8 +358,10 @@ class TestWholeOrNotAtAll:
 
     def test_manifest_and_checksums_are_written_last(self, monkeypatch):
         written = []
-        original = Draft._new_file
-        monkeypatch.setattr(Draft, "_new_file", lambda d, n: (written.append(n), original(d, n))[1])
+        original = RunDraft._new_file
+        monkeypatch.setattr(
+            RunDraft, "_new_file", lambda d, n: (written.append(n), original(d, n))[1]
+        )
         run(keep_events=True)
         assert written[-2:] == ["manifest.json", SUMS]
         assert sorted(written) == sorted([*FILES, "events.parquet", "legs.parquet"])
@@ -735,7 +737,7 @@ def test_no_link_is_followed_under_a_name_of_a_draft(write, monkeypatch, somewhe
     monkeypatch.setattr(run_folder.uuid, "uuid4", lambda: SimpleNamespace(hex="known"))
     Path("dear").write_text("all my results", encoding="utf-8")
     if write == "draft":
-        with pytest.raises(DesimError, match="File exists"), Place(None, "x").draft() as draft:
+        with pytest.raises(DesimError, match="File exists"), RunPlace(None, "x").draft() as draft:
             (draft.path / "world.json").symlink_to(Path("dear").absolute())
             draft.write_json("world.json", {})
     else:

@@ -314,7 +314,7 @@ class TestPhysics:
         drawn = world()
         assert drawn.step_us == 60_000_000
         assert drawn.horizon_us == 1_800_000_000
-        assert drawn.only_type.capacity_us == 1_800_000_000
+        assert drawn.only_type.capacity == 1_800_000_000
         assert drawn.links[0].bandwidth_hz == 5_000_000
         assert len(drawn.actions) == 9
         assert {t.duration_us for t in drawn.only_type.epoch_transits.values()} == {60_000_000}
@@ -337,7 +337,7 @@ class TestPhysics:
 
     def test_unlimited(self):
         drawn = world(**FLAT, drones__battery="null", drones__bandwidth_kbps="null")
-        assert drawn.only_type.capacity_us == 0
+        assert drawn.only_type.capacity == 0
         assert drawn.links[0].bandwidth_hz == math.inf
         assert len(drawn.actions) == 5
 

@@ -87,12 +87,12 @@ def seeds_of(seeds: int | Sequence[int], first_seed: int = 0) -> list[int]:
     first_seed = whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
     if isinstance(seeds, str) or not isinstance(seeds, Iterable):
         return list(range(first_seed, first_seed + whole("seeds", seeds, 1, MOST_SEEDS)))
-    found = [whole("seeds", seed, 0, LAST_SEED) for seed in seeds]
+    numbers = [whole("seeds", seed, 0, LAST_SEED) for seed in seeds]
     if first_seed != 0:
         raise UsageError("first_seed goes with a number of seeds, not with a list of them")
-    if not found or len(set(found)) < len(found):
-        raise UsageError(f"seeds: {found}: must name at least one seed, and none twice")
-    return found
+    if not numbers or len(set(numbers)) < len(numbers):
+        raise UsageError(f"seeds: {numbers}: must name at least one seed, and none twice")
+    return numbers
 
 
 def whole(name: str, value: Any, low: int, high: int) -> int:
@@ -130,14 +130,14 @@ def command_of(function: Callable[..., Any], arguments: Mapping[str, Any]) -> li
     typed = command_line()
     if typed:
         return typed
-    said = [
-        _said(name, arguments[name], parameter)
+    texts = [
+        _argument_text(name, arguments[name], parameter)
         for name, parameter in inspect.signature(function).parameters.items()
     ]
-    return [f"desim_uav.{function.__name__}({', '.join(filter(None, said))})"]
+    return [f"desim_uav.{function.__name__}({', '.join(filter(None, texts))})"]
 
 
-def _said(name: str, value: Any, parameter: inspect.Parameter) -> str:
+def _argument_text(name: str, value: Any, parameter: inspect.Parameter) -> str:
     """Write an argument as it was given, or nothing for a default."""
     if value is parameter.default or name in ("progress", "callback"):
         return ""
@@ -159,5 +159,5 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
-    known = value is None or isinstance(value, bool | int | float | str | range | list)
-    return value if known else policy_name(value)
+    is_plain = value is None or isinstance(value, bool | int | float | str | range | list)
+    return value if is_plain else policy_name(value)

@@ -66,7 +66,7 @@ def bench_run(
             before anything is run.
         Interrupted: Ctrl-C. Its ``result`` holds the submission of the seeds that had ended.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.experiment.bench.run import check, submit
     from desim_uav.experiment.bench.submission import place_of
@@ -74,29 +74,29 @@ def bench_run(
     from desim_uav.experiment.command import label_of
     from desim_uav.experiment.progress import progress as shown
 
-    chosen, worlds = find_task(task), find_track(track)
+    task_, worlds = find_task(task), find_track(track)
     policies = [policy] if isinstance(policy, str | Path) else list(policy)
     if not policies:
         raise UsageError("policy: give at least one")
     names = [str(each) for each in policies]
-    drawn = list(worlds.seeds[:seeds])
-    for warning in check(chosen, worlds, names, drawn, training_steps):
+    all_seeds = list(worlds.seeds[:seeds])
+    for warning in check(task_, worlds, names, all_seeds, training_steps):
         arguments.warn(warning)
-    place = place_of(chosen, worlds, label_of(names[0]), None if out is None else Path(out))
-    with shown(progress, len(drawn) * len(names), "runs", ENGINE) as advance:
-        done = submit(
-            *(chosen, worlds, names, place),
+    place = place_of(task_, worlds, label_of(names[0]), None if out is None else Path(out))
+    with shown(progress, len(all_seeds) * len(names), "runs", ENGINE) as advance:
+        submission = submit(
+            *(task_, worlds, names, place),
             name=name,
-            seeds=drawn,
+            seeds=all_seeds,
             training_steps=training_steps,
             jobs=jobs,
-            command=arguments.command_of(bench_run, given),
+            command=arguments.command_of(bench_run, parameters),
             on_run=advance,
         )
-    if done.interrupted:
-        kept = len(done.manifest["seeds"])
-        raise Interrupted(f"interrupted; {kept} of {len(drawn)} seeds are kept", done)
-    return done
+    if submission.interrupted:
+        count = len(submission.manifest["seeds"])
+        raise Interrupted(f"interrupted; {count} of {len(all_seeds)} seeds are kept", submission)
+    return submission
 
 
 @verb
@@ -122,9 +122,9 @@ def bench_verify(
     from desim_uav.experiment.bench.verify import differences
     from desim_uav.experiment.progress import progress as shown
 
-    found = read(Path(folder))
-    with shown(progress, len(found.rows), "runs", ENGINE) as advance:
-        return differences(found, decide=decide, jobs=jobs, on_run=advance)
+    submission = read(Path(folder))
+    with shown(progress, len(submission.rows), "runs", ENGINE) as advance:
+        return differences(submission, decide=decide, jobs=jobs, on_run=advance)
 
 
 @verb

@@ -61,13 +61,13 @@ class Counterfactual:
         return self.original.replay(file, beside=self.other, episodes=self.shown, progress=progress)
 
     def __repr__(self) -> str:
-        told = self._about
+        about = self._about
         change = ", ".join(
-            f"{name[:4].upper().replace('QOE', 'QoE')} {told['difference'][name]:+.2f}"
+            f"{name[:4].upper().replace('QOE', 'QoE')} {about['difference'][name]:+.2f}"
             for name in ("qoe1_percent", "qoe2_iterations", "qoe3_percent")
-            if told["difference"][name] is not None
+            if about["difference"][name] is not None
         )
         return (
-            f"<{told['scenario']}, seed {told['seed']}: {told['to']} instead of {told['policy']} "
-            f"from {told['episode']}:{told['step']} on: {change}>"
+            f"<{about['scenario']}, seed {about['seed']}: {about['to']} instead of "
+            f"{about['policy']} from {about['episode']}:{about['step']} on: {change}>"
         )

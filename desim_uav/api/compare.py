@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from desim_uav.api.parameters import (
     MOST_SEEDS,
-    Engine,
+    EngineName,
     Episodes,
     FirstSeed,
     Jobs,
@@ -38,7 +38,7 @@ def compare(
     jobs: Jobs = 1,
     against: str | None = None,
     out: str | Path | None = None,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     progress: bool = True,
 ) -> Comparison:
     """Compare policies on common seeds: means, 95 % intervals and paired differences.
@@ -87,18 +87,21 @@ def compare(
             f"{named_override('seed')}: each replication has its own; choose the first and "
             "their number"
         )
-    found = opened(scenario, overrides, world_seed=world_seed)
-    named = comparing.policies_by_name(policies)
-    drawn = seeds_of(seeds, first_seed)
-    for warning in comparing.out_of_place(found.scenario, named, drawn):
+    source = opened(scenario, overrides, world_seed=world_seed)
+    by_name = comparing.policies_by_name(policies)
+    all_seeds = seeds_of(seeds, first_seed)
+    for warning in comparing.out_of_place(source.scenario, by_name, all_seeds):
         warn(warning)
-    with found.located():
-        comparing.try_on(found.scenario, named, drawn, engine)
-    with shown(progress, len(named) * len(drawn), "runs", engine) as advance, found.located():
+    with source.located():
+        comparing.try_on(source.scenario, by_name, all_seeds, engine)
+    with (
+        shown(progress, len(by_name) * len(all_seeds), "runs", engine) as advance,
+        source.located(),
+    ):
         comparison = comparing.compare_policies(
-            found.scenario,
-            named,
-            drawn,
+            source.scenario,
+            by_name,
+            all_seeds,
             episodes,
             warmup,
             against=against,

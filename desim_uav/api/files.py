@@ -11,7 +11,7 @@ from desim_uav.errors import ScenarioError, notice
 
 if TYPE_CHECKING:
     from desim_uav.api.kinds import Overrides
-    from desim_uav.experiment.doctor import Finding
+    from desim_uav.experiment.doctor import Check
     from desim_uav.experiment.gallery import Compared
 
 
@@ -92,7 +92,7 @@ def schema() -> dict[str, Any]:
     return json_schema()
 
 
-def doctor() -> list[Finding]:
+def doctor() -> list[Check]:
     """Check the installation: versions, extras, the compiled code, and what can be written."""
     from desim_uav.experiment.doctor import examine
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.api.parameters import MOST_EPISODES, Engine, Episodes, Seed, Warmup, verb
+from desim_uav.api.parameters import MOST_EPISODES, EngineName, Episodes, Seed, Warmup, verb
 from desim_uav.errors import UsageError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def counterfactual(
     episodes: Episodes = 1,
     warmup: Warmup = 0,
     out: str | Path | bool | None = None,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     progress: bool = True,
 ) -> Counterfactual:
     """Run a policy, and let another one go on from one of its decision epochs: what if?
@@ -56,7 +56,7 @@ def counterfactual(
         DesimError: one of its subclasses says what is wrong; UsageError is for an epoch that the
             run does not have. Nothing is written then.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.api.branches import Counterfactual
     from desim_uav.api.kept import InFolder, InMemory, Tables
@@ -70,25 +70,25 @@ def counterfactual(
     at = forking.At.of(":".join(map(str, parts)))
     if at.episode >= MOST_EPISODES:
         raise UsageError(f"--fork {at}: there are at most {MOST_EPISODES:,} episodes")
-    found = arguments.opened(scenario, overrides, seed, world_seed)
-    with found.located():
-        prepared = command.prepare(found.scenario, policy, engine, keep_events=True)
+    source = arguments.opened(scenario, overrides, seed, world_seed)
+    with source.located():
+        prepared = command.prepare(source.scenario, policy, engine, keep_events=True)
     other, name = load_policy(to), policy_name(to)
-    told = arguments.command_of(counterfactual, given)
+    words = arguments.command_of(counterfactual, parameters)
     for notice in (prepared.notice, getattr(other, "notice", lambda world: "")(prepared.world)):
         if notice:
             arguments.warn(notice)
-    how = command.How(max(episodes, at.episode + 1), warmup, True, engine, told)
+    how = command.How(max(episodes, at.episode + 1), warmup, True, engine, words)
     branches = forking.Branches(prepared, other, name, at, how)
     total = 2 * (how.episodes + warmup)
     if out is None or out is False:
         tables = Tables(), Tables()
         with shown(progress, total, engine=engine) as advance:
-            done = forking.record_branches(branches, (tables[0].write, tables[1].write), advance)
-        kept = [InMemory(each, own) for each, own in zip(done[:2], tables, strict=True)]
-        return Counterfactual(RunResult(kept[:1]), RunResult(kept[1:]), done.about, None)
+            forked = forking.record_branches(branches, (tables[0].write, tables[1].write), advance)
+        runs = [InMemory(each, own) for each, own in zip(forked[:2], tables, strict=True)]
+        return Counterfactual(RunResult(runs[:1]), RunResult(runs[1:]), forked.about, None)
     place = forking.place_of_fork(prepared, name, at, None if out is True else Path(out))
     with shown(progress, total, engine=engine) as advance:
-        folder, done = forking.write_branches(branches, place, advance)
+        folder, forked = forking.write_branches(branches, place, advance)
     results = [RunResult([InFolder(folder / branch)]) for branch in forking.BRANCHES]
-    return Counterfactual(results[0], results[1], done.about, folder)
+    return Counterfactual(results[0], results[1], forked.about, folder)

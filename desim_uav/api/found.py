@@ -71,22 +71,22 @@ class Bounds(Found):
         return pd.DataFrame(self["means"]).T
 
     def __repr__(self) -> str:
-        told = ", ".join(
-            f"{name} {found['mean']:.2f}"
-            for name, found in self["means"].items()
-            if found["mean"] is not None
+        means = ", ".join(
+            f"{name} {estimate['mean']:.2f}"
+            for name, estimate in self["means"].items()
+            if estimate["mean"] is not None
         )
-        return f"<Bounds on {len(self['seeds'])} seed(s), {self['episodes']} episode(s): {told}>"
+        return f"<Bounds on {len(self['seeds'])} seed(s), {self['episodes']} episode(s): {means}>"
 
     def _repr_html_(self) -> str:
         title = f"Bounds for all policies, runs of {self['episodes']} episode(s)"
         rows = [
             [
                 name,
-                found["n"],
-                *("" if found[of] is None else f"{found[of]:.2f}" for of in OF_MEANS),
+                estimate["n"],
+                *("" if estimate[of] is None else f"{estimate[of]:.2f}" for of in OF_MEANS),
             ]
-            for name, found in self["means"].items()
+            for name, estimate in self["means"].items()
         ]
         headings = ["bound", "seeds", *(of.replace("_", "-") for of in OF_MEANS)]
         return notebook.heading(title) + notebook.table(headings, rows, [0])

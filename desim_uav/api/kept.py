@@ -22,7 +22,7 @@ from desim_uav.parquet_file import read_parts, read_table
 from desim_uav.records import REQUESTS, TABLES
 from desim_uav.report.manifest import read_manifest
 from desim_uav.report.run import IN_TIME
-from desim_uav.run_folder import Place, read_scenario
+from desim_uav.run_folder import RunPlace, read_scenario
 from desim_uav.scenario.schema import Scenario
 
 FILES = (*(f"{name}.parquet" for name in TABLES), "scenario.yaml", "world.json", "manifest.json")
@@ -63,7 +63,7 @@ class Kept(Protocol):
     def table(self, name: str) -> pd.DataFrame:
         """Return a table. Raises NoEventsError where the run has not kept it."""
 
-    def save(self, place: Place) -> Path:
+    def save(self, place: RunPlace) -> Path:
         """Write the run folder."""
 
     def source(self) -> AbstractContextManager[Source]:
@@ -125,7 +125,7 @@ class InMemory:
         """See ``Kept``."""
         return self.tables.table(name)
 
-    def save(self, place: Place) -> Path:
+    def save(self, place: RunPlace) -> Path:
         """See ``Kept``."""
         with place.draft() as draft:
             with draft.tables() as write:
@@ -138,7 +138,7 @@ class InMemory:
     def source(self) -> Iterator[Source]:
         """See ``Kept``."""
         with TemporaryDirectory(prefix="desim-uav-") as scratch:
-            folder = self.save(Place(Path(scratch) / default_place(self, None).name, ""))
+            folder = self.save(RunPlace(Path(scratch) / default_place(self, None).name, ""))
             yield Source(folder, self.recorded.prepared.policy, passing=True)
 
 
@@ -186,7 +186,7 @@ class InFolder:
             frame["drones"] = [list(map(int, drones)) for drones in frame["drones"]]
         return frame
 
-    def save(self, place: Place) -> Path:
+    def save(self, place: RunPlace) -> Path:
         """See ``Kept``."""
         with place.draft() as draft:
             for file in (self._folder / name for name in FILES):
@@ -201,7 +201,7 @@ class InFolder:
         yield Source(self._folder)
 
 
-def default_place(run: Kept, out: Path | None) -> Place:
+def default_place(run: Kept, out: Path | None) -> RunPlace:
     """Return where a run stands that is saved: ``out``, or where the command line would put it."""
     return place_of(run.scenario, run.manifest["policy"], out)
 

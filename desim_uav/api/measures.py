@@ -41,10 +41,10 @@ def measures_of(
 
     if by is not None and covered_once:
         raise UsageError("--covered-once: it is one number for all requests; not with --by")
-    found = of_folder(run_dir)
-    groups = None if by is None else found.groups(by)[0]
-    summary = found.summaries()[0]
+    experience = of_folder(run_dir)
+    groups = None if by is None else experience.groups(by)[0]
+    summary = experience.summaries()[0]
     if covered_once:
-        share = found.covered_once().dropna().tolist()  # none if no episode has ended
+        share = experience.covered_once().dropna().tolist()  # none if no episode has ended
         summary = summary | {"covered_once_percent": share[0] if share else None}
     return summary, groups

@@ -29,7 +29,7 @@ def _engines() -> Iterable[str]:
 
 
 ENGINES = OneOf(_engines)
-Engine = Annotated[str, ENGINES]
+EngineName = Annotated[str, ENGINES]
 Seed = Annotated[int | None, Within(0, LAST_SEED)]
 Seeds = Annotated[int, Within(1, MOST_SEEDS)]
 FirstSeed = Annotated[int, Within(0, LAST_FIRST_SEED)]

@@ -86,29 +86,29 @@ def plot(
     options |= {"window": window, "battery_min": battery_min, "level": level, "against": against}
     options |= {"at": at if at is None or isinstance(at, str) else ",".join(map(str, at))}
     options |= {"measure": measure, "key": key}
-    given = each_of("runs", runs, Comparison, Scenario, World)
-    figures.chosen(kind, len(given), options)
+    results = each_of("runs", runs, Comparison, Scenario, World)
+    figures.chosen(kind, len(results), options)
     target = None
     if out is True:
-        target = figures.Target(figure_place(kind, given))
+        target = figures.Target(figure_place(kind, results))
     elif out is not None and out is not False:
         target = figures.Target(Path(out), "--out")
-    drawn: list[Any] = []
+    objects: list[Any] = []
     others: list[Any] = []
-    for one in given:
-        (drawn if isinstance(one, Comparison | Scenario | World) else others).append(one)
+    for one in results:
+        (objects if isinstance(one, Comparison | Scenario | World) else others).append(one)
     with in_folders("runs", others) as sources:
         several = figures.KINDS[kind].several
-        found = [*map(_drawable, drawn), *(sources if several else sources[:1])]
-        figure = figures.draw(kind, found, options, progress)
+        drawables = [*map(_drawable, objects), *(sources if several else sources[:1])]
+        figure = figures.draw(kind, drawables, options, progress)
     if target is not None:
         target.write(figure)
     return figure
 
 
-def figure_place(kind: str, given: Sequence[Any]) -> Path:
+def figure_place(kind: str, results: Sequence[Any]) -> Path:
     """Return where a figure is put by default: in the one folder, or else the working folder."""
-    place = _folder(given[0]) if len(given) == 1 else None
+    place = _folder(results[0]) if len(results) == 1 else None
     if place is not None and place.is_dir():
         return place / f"{kind}.png"
     return Path(f"{place.stem if kind == 'policy' and place is not None else kind}.png")
@@ -199,14 +199,14 @@ def write_report(
     from desim_uav.disk import file_place
     from desim_uav.experiment.report import NAME
 
-    given = each_of("runs", runs)
-    file = _default(given, NAME) if out is None else Path(out)
+    results = each_of("runs", runs)
+    file = _default(results, NAME) if out is None else Path(out)
     file_place(file, "" if out is None else "--out")
-    return report_of(given, title, against, file, progress).save(file)
+    return report_of(results, title, against, file, progress).save(file)
 
 
 def report_of(
-    given: Sequence[Shown],
+    results: Sequence[Shown],
     title: str | None = None,
     against: str | None = None,
     file: Path | None = None,
@@ -220,7 +220,7 @@ def report_of(
 
     if file is not None:
         file_place(file)
-    with in_folders("runs", given) as sources:
+    with in_folders("runs", results) as sources:
         text = make_report(sources, file or Path(NAME), title, against, progress)
     return Page(text.encode(), NAME)
 
@@ -269,41 +269,41 @@ def write_replay(
     if file is None and _folder(run_dir) is None:
         file = Path("replay.html")
     others = [] if beside is None else [beside]
-    with in_folders("run_dir", [run_dir]) as shown, in_folders("beside", others) as second:
-        pair = hasattr(run_dir, "difference") and len(shown) == 2  # of a counterfactual
+    with in_folders("run_dir", [run_dir]) as first, in_folders("beside", others) as second:
+        pair = hasattr(run_dir, "difference") and len(first) == 2  # of a counterfactual
         if pair and beside is not None:
             raise UsageError("beside: a counterfactual has two branches, so nothing fits beside it")
-        other = shown[1] if pair else second[0] if second else None
+        other = first[1] if pair else second[0] if second else None
         if pair and episodes is None:
             episodes = run_dir.shown  # type: ignore[union-attr]
-        wanted = ranges_of("episodes", episodes)
-        return Replay(write_page(shown[0], file, wanted, progress, most_bytes, other))
+        text = ranges_of("episodes", episodes)
+        return Replay(write_page(first[0], file, text, progress, most_bytes, other))
 
 
-def _default(given: Sequence[Any], name: str) -> Path:
+def _default(results: Sequence[Any], name: str) -> Path:
     """Return the default place of a file: in the folder of the one result, if it has one."""
-    folder = _folder(given[0]) if len(given) == 1 else None
+    folder = _folder(results[0]) if len(results) == 1 else None
     return Path(name) if folder is None else folder / name
 
 
-def _folder(given: Any) -> Path | None:
+def _folder(result: Any) -> Path | None:
     """Return the folder of a result, or None if it has none or several."""
-    if isinstance(given, str | Path):
-        return Path(given)
-    folders = getattr(given, "folders", None)
+    if isinstance(result, str | Path):
+        return Path(result)
+    folders = getattr(result, "folders", None)
     if folders is None:
-        found = getattr(given, "folder", None) or getattr(given, "out", None)
-        return found if isinstance(found, Path) else None
+        folder = getattr(result, "folder", None) or getattr(result, "out", None)
+        return folder if isinstance(folder, Path) else None
     return folders[0] if len(folders) == 1 else None
 
 
-def _drawable(given: Any) -> Any:
+def _drawable(source: Any) -> Any:
     """Return the world of a scenario; anything else is drawn as it is."""
     from desim_uav.errors import located
     from desim_uav.scenario.schema import Scenario
     from desim_uav.world import build_world
 
-    if not isinstance(given, Scenario):
-        return given
-    with located(Path(given.name)):
-        return build_world(given, given.effective_world_seed)
+    if not isinstance(source, Scenario):
+        return source
+    with located(Path(source.name)):
+        return build_world(source, source.effective_world_seed)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.disk import file_place, write_at
-from desim_uav.experiment.replay.page import Made, Written
+from desim_uav.experiment.replay.page import ReplayPage, Written
 from desim_uav.report.markup import tag
 from desim_uav.typed import typed
 
@@ -52,28 +52,28 @@ class Page:
 class Replay(Page):
     """A page that plays a run's episodes in continuous time; it needs no network and no server."""
 
-    def __init__(self, made: Made) -> None:
-        super().__init__(made.content, "replay.html")
-        self._made = made
+    def __init__(self, page: ReplayPage) -> None:
+        super().__init__(page.content, "replay.html")
+        self._page = page
 
     @property
     def episodes(self) -> list[int]:
         """The episodes that it shows."""
-        return self._made.episodes
+        return self._page.episodes
 
     @property
     def left_out(self) -> list[int]:
         """The episodes for which there was no room."""
-        return self._made.left_out
+        return self._page.left_out
 
     @property
     def file(self) -> Path | None:
         """The file that ``write_replay`` has written; None if it was not written so."""
-        return self._made.file if isinstance(self._made, Written) else None
+        return self._page.file if isinstance(self._page, Written) else None
 
     def summary(self) -> dict[str, Any]:
         """Return what the page shows, and its file and size, as plain data."""
-        return self._made.summary()
+        return self._page.summary()
 
     def __repr__(self) -> str:
         return f"<Replay of {len(self.episodes)} episode(s), {len(self._content):,} bytes>"

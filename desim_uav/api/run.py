@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from desim_uav.api.parameters import (
     MOST_SEEDS,
-    Engine,
+    EngineName,
     Episodes,
     FirstSeed,
     Seed,
@@ -38,7 +38,7 @@ def run(
     warmup: Warmup = 0,
     events: bool = False,
     out: str | Path | bool | None = None,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     resume: bool = False,
     progress: bool = True,
 ) -> RunResult:
@@ -89,7 +89,7 @@ def run(
             option, or that a run cannot be continued, before anything is run.
         Interrupted: Ctrl-C. Its ``result`` holds what had ended before.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.api.run_result import RunResult
     from desim_uav.api.running import apart, interrupted, place_of, run_one
@@ -98,29 +98,29 @@ def run(
 
     if seeds is not None and seed is not None:
         raise UsageError("seed and seeds exclude each other")
-    found = arguments.opened(scenario, overrides, seed, world_seed)
-    drawn = [found.scenario.seed] if seeds is None else arguments.seeds_of(seeds, first_seed)
-    scenarios = [found.scenario.model_copy(update={"seed": one}) for one in drawn]
-    with found.located():
+    source = arguments.opened(scenario, overrides, seed, world_seed)
+    all_seeds = [source.scenario.seed] if seeds is None else arguments.seeds_of(seeds, first_seed)
+    scenarios = [source.scenario.model_copy(update={"seed": one}) for one in all_seeds]
+    with source.located():
         first = command.prepare(scenarios[0], policy, engine, events)
     places = [place_of(one, policy, out, seeds is not None, resume) for one in scenarios]
     for notice in filter(None, [first.notice or apart(first, scenarios)]):
         arguments.warn(notice)
-    how = command.How(episodes, warmup, events, engine, arguments.command_of(run, given))
-    kept: list[Kept] = []
-    with shown(progress, (warmup + episodes) * len(drawn), engine=engine) as advance:
+    how = command.How(episodes, warmup, events, engine, arguments.command_of(run, parameters))
+    runs: list[Kept] = []
+    with shown(progress, (warmup + episodes) * len(all_seeds), engine=engine) as advance:
         for one, place in zip(scenarios, places, strict=True):
             try:
-                with found.located():
-                    prepared = command.prepare(one, policy, engine, events) if kept else first
-                    kept.append(run_one(prepared, how, place, advance))
+                with source.located():
+                    prepared = command.prepare(one, policy, engine, events) if runs else first
+                    runs.append(run_one(prepared, how, place, advance))
             except KeyboardInterrupt:
-                if not kept:
+                if not runs:
                     raise
-                raise interrupted(kept, len(drawn)) from None
-            if kept[-1].manifest["interrupted"]:
-                raise interrupted(kept, len(drawn))
-    return RunResult(kept, seeds is not None)
+                raise interrupted(runs, len(all_seeds)) from None
+            if runs[-1].manifest["interrupted"]:
+                raise interrupted(runs, len(all_seeds))
+    return RunResult(runs, seeds is not None)
 
 
 @verb

@@ -21,7 +21,7 @@ from desim_uav.experiment.replay.page import make_replay
 from desim_uav.experiment.statistics import estimate
 from desim_uav.report import notebook
 from desim_uav.report.text import MEASURES
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.schema import Scenario
 from desim_uav.typed import typed
 
@@ -207,7 +207,7 @@ class RunResult:
         places = [self._place(run, folder) for run in self._runs]
         return [run.save(place) for run, place in zip(self._runs, places, strict=True)]
 
-    def _place(self, run: Kept, folder: str | Path | None) -> Place:
+    def _place(self, run: Kept, folder: str | Path | None) -> RunPlace:
         if folder is None:
             return default_place(run, None)
         out = Path(folder)
@@ -240,14 +240,14 @@ class RunResult:
             PolicyError: the two runs differ in scenario, world or episodes.
         """
         seed = self.seeds[0] if seed is None else seed
-        shown = [self._of_seed(seed, "seed")]
+        runs = [self._of_seed(seed, "seed")]
         if beside is not None:
             second = beside if isinstance(beside, RunResult) else of_folder(beside)
-            shown.append(second._of_seed(seed, "beside"))
+            runs.append(second._of_seed(seed, "beside"))
         with ExitStack() as open_until:
-            sources = [open_until.enter_context(run.source()) for run in shown]
-            wanted = arguments.ranges_of("episodes", episodes)
-            page = Replay(make_replay(sources, wanted, progress))
+            sources = [open_until.enter_context(run.source()) for run in runs]
+            text = arguments.ranges_of("episodes", episodes)
+            page = Replay(make_replay(sources, text, progress))
         if file is not None:
             page.save(file)
         return page
@@ -332,11 +332,11 @@ class RunResult:
     # ---- what it looks like
 
     def __repr__(self) -> str:
-        seen = self.qoe()
+        qoe = self.qoe()
         counted = int(self.summaries()[0]["episodes"])
         return (
-            f"<{self._title()}, {_number(counted, 'episode')}: QoE1 {seen['qoe1_percent']:.1f} %, "
-            f"QoE2 {seen['qoe2_iterations']:.2f} steps, QoE3 {seen['qoe3_percent']:.1f} %>"
+            f"<{self._title()}, {_number(counted, 'episode')}: QoE1 {qoe['qoe1_percent']:.1f} %, "
+            f"QoE2 {qoe['qoe2_iterations']:.2f} steps, QoE3 {qoe['qoe3_percent']:.1f} %>"
         )
 
     def _repr_html_(self) -> str:
@@ -356,18 +356,18 @@ class RunResult:
 
     def _title(self) -> str:
         seeds = self.seeds
-        told = f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds"
+        seeds_in_words = f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds"
         if len(set(self.world_seeds)) == 1 and self.world_seeds != seeds:
-            told += f" in world {self.world_seeds[0]}"
-        return f"{self.scenario.name}, {self.policy}, {told}"
+            seeds_in_words += f" in world {self.world_seeds[0]}"
+        return f"{self.scenario.name}, {self.policy}, {seeds_in_words}"
 
     def _by_service(self) -> list[list[dict[str, Any]]]:
         """The rows of each service, a row per seed that has it."""
-        found: dict[str, list[dict[str, Any]]] = {}
+        rows_of: dict[str, list[dict[str, Any]]] = {}
         for groups in self.groups("service"):
             for row in groups:
-                found.setdefault(row["service"], []).append(row)
-        return [found[service] for service in sorted(found)]
+                rows_of.setdefault(row["service"], []).append(row)
+        return [rows_of[service] for service in sorted(rows_of)]
 
 
 def of_folder(folder: str | Path) -> RunResult:
@@ -397,12 +397,12 @@ def _cell(rows: Sequence[dict[str, Any]]) -> Callable[[str], str]:
     """Return what writes a measure of some seeds: its mean, and the half-width of its interval."""
 
     def cell(name: str) -> str:
-        found = estimate(row.get(name) for row in rows)
+        interval = estimate(row.get(name) for row in rows)
         form = MEASURES[name][1] if len(rows) == 1 else MEASURES[name][1].replace("d", ".1f")
-        if found.mean is None:
+        if interval.mean is None:
             return ""
-        value = int(found.mean) if form == "d" else found.mean
-        spread = "" if found.half_width is None else f" ± {found.half_width:{form}}"
+        value = int(interval.mean) if form == "d" else interval.mean
+        spread = "" if interval.half_width is None else f" ± {interval.half_width:{form}}"
         return f"{value:{form}}{spread}"
 
     return cell

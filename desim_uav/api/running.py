@@ -11,7 +11,7 @@ from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import command
 from desim_uav.experiment import resume as resuming
 from desim_uav.policies.base import PolicyLike
-from desim_uav.run_folder import Place, Replaced
+from desim_uav.run_folder import Replaced, RunPlace
 from desim_uav.scenario.schema import Scenario
 
 
@@ -29,19 +29,19 @@ def apart(first: command.Prepared, scenarios: Sequence[Scenario]) -> str:
 def run_one(
     prepared: command.Prepared,
     how: command.How,
-    place: Place | Path | None,
+    place: RunPlace | Path | None,
     advance: Callable[[], None],
 ) -> Kept:
     """Run on one seed, in memory or into a folder; or continue the run in a folder, a Path."""
     if isinstance(place, Path):
-        begun = resuming.begun(prepared, how, place)
-        if begun.done == how.episodes:
+        continuation = resuming.begun(prepared, how, place)
+        if continuation.done == how.episodes:
             return InFolder(place)
-        done = command.write_run(prepared, how, Replaced(place), advance, begun)
-        return InFolder(Path(done.summary["run_dir"]), done)
+        outcome = command.write_run(prepared, how, Replaced(place), advance, continuation)
+        return InFolder(Path(outcome.summary["run_dir"]), outcome)
     if place is not None:
-        done = command.write_run(prepared, how, place, advance)
-        return InFolder(Path(done.summary["run_dir"]), done)
+        outcome = command.write_run(prepared, how, place, advance)
+        return InFolder(Path(outcome.summary["run_dir"]), outcome)
     tables = Tables()
     return InMemory(command.record(prepared, how, tables.write, advance), tables)
 
@@ -52,7 +52,7 @@ def place_of(
     out: str | Path | bool | None,
     several: bool,
     resume: bool,
-) -> Place | Path | None:
+) -> RunPlace | Path | None:
     """Return where the run of a scenario's seed stands, if in a folder; a Path if it is continued.
 
     Raises UsageError if no folder can be made there, or if there is no run to be continued.
@@ -72,11 +72,11 @@ def place_of(
     return command.place_of(scenario, policy, folder)
 
 
-def interrupted(kept: Sequence[Kept], seeds: int) -> Interrupted:
+def interrupted(runs: Sequence[Kept], seeds: int) -> Interrupted:
     """Return the error that Ctrl-C raises, with the runs of the seeds that had ended."""
-    result = RunResult(kept, several=seeds > 1)
+    result = RunResult(runs, several=seeds > 1)
     return Interrupted(
-        f"interrupted in seed {kept[-1].manifest['seed']} ({len(kept)} of {seeds}); the episodes "
+        f"interrupted in seed {runs[-1].manifest['seed']} ({len(runs)} of {seeds}); the episodes "
         "that had ended are in the result of this error",
         result,
     )

@@ -18,35 +18,35 @@ class InFolders(Protocol):
         """Provide folders with the result in a ``with`` block, for instance one for each seed."""
 
 
-def each_of(name: str, given: Any, *single: type) -> list[Any]:
+def each_of(name: str, argument: Any, *single: type) -> list[Any]:
     """Return an argument as a list: one thing, or several in a list or another iterable."""
-    if isinstance(given, (str, Path, *single)) or hasattr(given, "sources"):
-        return [given]
-    if not isinstance(given, Iterable):
-        raise _unknown(name, given)
-    return list(given)
+    if isinstance(argument, (str, Path, *single)) or hasattr(argument, "sources"):
+        return [argument]
+    if not isinstance(argument, Iterable):
+        raise _unknown(name, argument)
+    return list(argument)
 
 
 @contextmanager
-def in_folders(name: str, given: Sequence[str | Path | InFolders]) -> Iterator[list[Source]]:
+def in_folders(name: str, results: Sequence[str | Path | InFolders]) -> Iterator[list[Source]]:
     """Provide folders with the results of an argument in a ``with`` block; paths stay as they are.
 
     Raises UsageError for anything else.
     """
     with ExitStack() as open_until:
-        found: list[Source] = []
-        for one in given:
+        folders: list[Source] = []
+        for one in results:
             if isinstance(one, str | Path):
-                found.append(Source(Path(one)))
+                folders.append(Source(Path(one)))
             elif hasattr(one, "sources"):
-                found += open_until.enter_context(one.sources())
+                folders += open_until.enter_context(one.sources())
             else:
                 raise _unknown(name, one)
-        yield found
+        yield folders
 
 
-def _unknown(name: str, given: Any) -> UsageError:
+def _unknown(name: str, argument: Any) -> UsageError:
     return UsageError(
-        f"{name}: {in_short(repr(given), 100)}: must be a result of desim_uav, or the path of a "
+        f"{name}: {in_short(repr(argument), 100)}: must be a result of desim_uav, or the path of a "
         "folder or file"
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from desim_uav.api.parameters import (
-    Engine,
+    EngineName,
     Episodes,
     FirstSeed,
     Jobs,
@@ -60,7 +60,7 @@ def sweep(
     resume: bool = False,
     backend: Annotated[str, OneOf(_backends)] = "local",
     address: str | None = None,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     progress: bool = True,
 ) -> Done:
     """Run or train policies for every combination of values of some keys, on common seeds.
@@ -100,14 +100,14 @@ def sweep(
         DesimError: one of its subclasses says what is wrong, before any job is run.
         Interrupted: Ctrl-C. Its ``result`` holds the jobs that had ended; they are kept.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.api.sources import each_of
-    from desim_uav.experiment.sweep.plan import Asked
+    from desim_uav.experiment.sweep.plan import SweepPlan
     from desim_uav.experiment.sweep.run import sweep_to_folder
     from desim_uav.shipped import find_scenario
 
-    asked = Asked(
+    plan = SweepPlan(
         find_scenario(str(scenario)) if isinstance(scenario, str | Path) else scenario,
         values,
         None if policies is None else [_named(policy) for policy in each_of("policies", policies)],
@@ -118,20 +118,20 @@ def sweep(
         warmup,
         engine,
     )
-    done = sweep_to_folder(
-        asked,
+    outcome = sweep_to_folder(
+        plan,
         Path(out),
         resume=resume,
         backend=backend,
         workers=jobs,
         address=address,
-        command=arguments.command_of(sweep, given),
+        command=arguments.command_of(sweep, parameters),
         show_progress=progress,
         say=arguments.warn,
     )
-    if done.interrupted:
-        raise Interrupted("interrupted; the jobs that had ended are kept", done)
-    return done
+    if outcome.interrupted:
+        raise Interrupted("interrupted; the jobs that had ended are kept", outcome)
+    return outcome
 
 
 def _named(policy: object) -> str:
@@ -156,7 +156,7 @@ def reproduce(
     preset: Annotated[str, OneOf(lambda: PRESETS)] = "default",
     jobs: Jobs = 1,
     out: str | Path = "runs/reproduce",
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     progress: bool = True,
 ) -> Report:
     """Train and evaluate in the paper's nine cases, and compare with the numbers in the paper.
@@ -179,16 +179,16 @@ def reproduce(
     Raises:
         UsageError: an option is not one of those allowed, or ``out`` cannot be written.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.experiment import reproduce as paper
     from desim_uav.experiment.progress import progress as shown
 
-    drawn = range(first_seed, first_seed + seeds)
-    todo = paper.jobs(paper.numbers(cases), drawn, episodes, PRESETS[preset])
+    all_seeds = range(first_seed, first_seed + seeds)
+    todo = paper.jobs(paper.numbers(cases), all_seeds, episodes, PRESETS[preset])
     with shown(progress, len(todo), "jobs", engine) as advance:
         rows = paper.run_jobs(todo, Path(out), jobs, advance, engine)
-    return paper.report(rows, Path(out), " ".join(arguments.command_of(reproduce, given)))
+    return paper.report(rows, Path(out), " ".join(arguments.command_of(reproduce, parameters)))
 
 
 @verb
@@ -231,10 +231,10 @@ def find_optimum(
     from desim_uav.experiment.optimum import bounds_runs, optimum
     from desim_uav.experiment.progress import progress as shown
 
-    found = arguments.opened(scenario, overrides, seed, world_seed)
-    total, show = work_of(seeds, episodes), progress and bounds_runs(found.scenario)
-    with found.located(), shown(show, total, ROUNDS_OF) as advance:
-        return Optimum(at_once(optimum, found.scenario, seeds, episodes, advance))
+    source = arguments.opened(scenario, overrides, seed, world_seed)
+    total, show = work_of(seeds, episodes), progress and bounds_runs(source.scenario)
+    with source.located(), shown(show, total, ROUNDS_OF) as advance:
+        return Optimum(at_once(optimum, source.scenario, seeds, episodes, advance))
 
 
 @verb
@@ -275,7 +275,7 @@ def find_bounds(
     from desim_uav.experiment.interrupt import at_once
     from desim_uav.experiment.progress import progress as shown
 
-    drawn = arguments.seeds_of(seeds, first_seed)
-    found = arguments.opened(scenario, overrides)
-    with found.located(), shown(progress, work_of(len(drawn), episodes), ROUNDS_OF) as advance:
-        return Bounds(at_once(bounds, found.scenario, drawn, episodes, schedule, advance))
+    all_seeds = arguments.seeds_of(seeds, first_seed)
+    source = arguments.opened(scenario, overrides)
+    with source.located(), shown(progress, work_of(len(all_seeds), episodes), ROUNDS_OF) as advance:
+        return Bounds(at_once(bounds, source.scenario, all_seeds, episodes, schedule, advance))

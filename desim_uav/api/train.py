@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.api.parameters import Engine, Seed, TrainingEpisodes, verb
+from desim_uav.api.parameters import EngineName, Seed, TrainingEpisodes, verb
 from desim_uav.errors import Interrupted, UsageError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def train(
     out: str | Path | bool | None = None,
     resume: bool = False,
     checkpoint_every: TrainingEpisodes = 500,
-    engine: Engine = "auto",
+    engine: EngineName = "auto",
     callback: Callback | Sequence[Callback] = (),
     callback_every: TrainingEpisodes = 100,
     progress: bool = True,
@@ -67,7 +67,7 @@ def train(
         DesimError: one of its subclasses says what is wrong with the scenario or an option.
         Interrupted: Ctrl-C. Its ``result`` holds what had been learned before.
     """
-    given = locals()
+    parameters = locals()
     from desim_uav.api.arguments import command_of, opened
     from desim_uav.api.sources import each_of
     from desim_uav.api.training import TrainingResult, pause_of
@@ -78,16 +78,16 @@ def train(
     if resume and not out:
         raise UsageError("resume: only a training in a folder can be resumed; say which by out")
     further = {"learning.algorithm": algorithm, "learning.episodes": episodes}
-    found = opened(scenario, overrides, seed, world_seed, further)
-    command = command_of(train, given)
+    source = opened(scenario, overrides, seed, world_seed, further)
+    command = command_of(train, parameters)
     callbacks = (callback,) if callable(callback) else tuple(each_of("callback", callback))
     if not all(map(callable, callbacks)):
         raise UsageError(f"callback: {callback!r}: must be a function, or several")
     pauses = [pause_of(callbacks, callback_every)] if callbacks else []
-    with training_progress(progress, found.scenario.learning.episodes) as bar, found.located():
+    with training_progress(progress, source.scenario.learning.episodes) as bar, source.located():
         if not out:
             course = train_in_memory(
-                found.scenario,
+                source.scenario,
                 command=command,
                 engine=engine,
                 pauses=pauses,
@@ -95,7 +95,7 @@ def train(
             )
         else:
             course = train_to_folder(
-                found.scenario,
+                source.scenario,
                 out=None if out is True else Path(out),
                 resume=resume,
                 checkpoint_every=checkpoint_every,

@@ -16,7 +16,7 @@ from desim_uav.api.parameters import Seed, TrainingEpisodes, Warmup
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.replay.again import Source
-from desim_uav.experiment.train.course import POLICY, Course, Pause, table_of
+from desim_uav.experiment.train.course import POLICY, TrainingCourse, TrainingPause, table_of
 from desim_uav.experiment.train.folder import save_training
 from desim_uav.learning.training import Progress
 from desim_uav.model.sums import in_order
@@ -71,7 +71,7 @@ class TrainingProgress:
     crashes: float
     epsilon: float
     alpha: float
-    _course: Course = field(repr=False, compare=False)
+    _course: TrainingCourse = field(repr=False, compare=False)
     _engine: str = field(repr=False, compare=False)
 
     @property
@@ -95,8 +95,8 @@ class TrainingProgress:
         """
         training = self._course.training
         scenario = training.world.scenario.model_copy(update={"world_seed": training.world.seed})
-        drawn = training.seed if seed is None else seed
-        return evaluate(scenario, self.policy, drawn, episodes, warmup, self._engine)
+        number = training.seed if seed is None else seed
+        return evaluate(scenario, self.policy, number, episodes, warmup, self._engine)
 
 
 Callback = Callable[[TrainingProgress], bool | None]
@@ -106,7 +106,7 @@ Callback = Callable[[TrainingProgress], bool | None]
 class TrainingResult:
     """What a training has learned. It can be given as a policy to ``run`` and ``compare``."""
 
-    def __init__(self, course: Course) -> None:
+    def __init__(self, course: TrainingCourse) -> None:
         self._course = course
         self.folder = course.folder
         """Where the training is, if it was written as it went."""
@@ -198,16 +198,16 @@ class TrainingResult:
         return notebook.heading(title.format(**about)) + notebook.table(headings, [row], words=[])
 
 
-def pause_of(callbacks: Sequence[Callback], every: int) -> Pause:
+def pause_of(callbacks: Sequence[Callback], every: int) -> TrainingPause:
     """Call back after every so many episodes; False, if one of them asks for the end."""
-    told = 0
+    last = 0
 
-    def call(course: Course) -> bool:
-        nonlocal told
+    def call(course: TrainingCourse) -> bool:
+        nonlocal last
         drones = len(course.training.learners)
-        since = max(told, course.first)
+        since = max(last, course.first)
         rows = course.rows[since * drones :]
-        told = course.training.episode
+        last = course.training.episode
         goes_on = True
         for callback in callbacks:
             try:
@@ -217,10 +217,10 @@ def pause_of(callbacks: Sequence[Callback], every: int) -> Pause:
             goes_on = goes_on and (answer is None or bool(answer))
         return goes_on
 
-    return Pause(every, call, at_end=True)
+    return TrainingPause(every, call, at_end=True)
 
 
-def _progress(course: Course, rows: Sequence[Progress]) -> TrainingProgress:
+def _progress(course: TrainingCourse, rows: Sequence[Progress]) -> TrainingProgress:
     training, last = course.training, rows[-1]
 
     def mean(name: str) -> float | None:
@@ -242,7 +242,7 @@ def _progress(course: Course, rows: Sequence[Progress]) -> TrainingProgress:
     )
 
 
-def _greedy(course: Course) -> Greedy:
+def _greedy(course: TrainingCourse) -> Greedy:
     """Return the policy of a table that is in memory."""
     training, folder = course.training, course.folder
     name = f"{training.settings.algorithm}-s{training.seed}"

@@ -29,6 +29,8 @@ def build_world(
             on the map.
         UsageError: an override names no key, or the seed is not valid.
     """
-    found = opened(scenario, overrides)
-    with found.located():
-        return built(found.scenario, found.scenario.effective_world_seed if seed is None else seed)
+    source = opened(scenario, overrides)
+    with source.located():
+        return built(
+            source.scenario, source.scenario.effective_world_seed if seed is None else seed
+        )

@@ -14,34 +14,34 @@ from desim_uav.notices import tell
 
 
 @made(files.list_scenarios, AS_JSON)
-def scenarios(asked: dict[str, Any], as_json: bool) -> None:
+def scenarios(arguments: dict[str, Any], as_json: bool) -> None:
     """Print the names and what they are about, or the text of a file."""
-    found = files.list_scenarios(**asked)
-    if asked["show"] is not None:
-        print(found[asked["show"]], end="")
+    listing = files.list_scenarios(**arguments)
+    if arguments["show"] is not None:
+        print(listing[arguments["show"]], end="")
     elif as_json:
-        print_json(found)
+        print_json(listing)
     else:
-        width = max(map(len, found))
-        for name, about in found.items():
+        width = max(map(len, listing))
+        for name, about in listing.items():
             tell(f"{name:{width}s} {about}")
 
 
 @made(files.validate, NO_PLUGINS)
-def validate(asked: dict[str, Any]) -> None:
+def validate(arguments: dict[str, Any]) -> None:
     """Print which files are valid."""
-    for line in files.validate(**asked):
+    for line in files.validate(**arguments):
         tell(line)
 
 
 @made(files.schema)
-def schema(asked: dict[str, Any]) -> None:
+def schema(arguments: dict[str, Any]) -> None:
     """Print the schema."""
     print_json(files.schema())
 
 
 @made(files.doctor, AS_JSON)
-def doctor(asked: dict[str, Any], as_json: bool) -> None:
+def doctor(arguments: dict[str, Any], as_json: bool) -> None:
     """Print what was found, and end with exit code 1 if there is a problem."""
     from desim_uav.experiment.doctor import as_content
     from desim_uav.report.text import print_findings
@@ -57,18 +57,18 @@ def doctor(asked: dict[str, Any], as_json: bool) -> None:
 
 
 @made(files.gallery, AS_JSON, NO_PROGRESS)
-def gallery(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def gallery(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print a table for each paper, and end with exit code 6 if a figure does not hold."""
     from desim_uav.experiment import gallery as work
     from desim_uav.report.gallery import print_gallery
 
-    compared, drawn = files.gallery(**asked)
+    compared, pictures = files.gallery(**arguments)
     if as_json:
         print_json({**work.count(compared), "papers": [one.content() for one in compared]})
     else:
         print_gallery(work.COLUMNS, work.tables(compared))
-    if asked["figure"] is not None:
-        for file in drawn:
+    if arguments["figure"] is not None:
+        for file in pictures:
             complain(str(file))
         for name in work.without_figure(compared):
             complain(f"{name} has no figure")

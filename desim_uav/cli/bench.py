@@ -9,28 +9,28 @@ import typer
 from desim_uav.api.bench import bench_board, bench_list, bench_run, bench_verify
 from desim_uav.cli.ending import complain, end, ended, print_json
 from desim_uav.cli.made import made
-from desim_uav.cli.plain import Command, Group
+from desim_uav.cli.plain import PlainCommand, PlainGroup
 from desim_uav.cli.terminal import AS_JSON, NO_PLUGINS, NO_PROGRESS
 from desim_uav.notices import tell
 
 app = typer.Typer(
     help="Compare policies on frozen tasks: list them, make and verify submissions, rank them.",
     no_args_is_help=True,
-    cls=Group,
+    cls=PlainGroup,
     pretty_exceptions_enable=False,
 )
 
 
 @made(bench_list, AS_JSON)
-def list_tasks(asked: dict[str, Any], as_json: bool) -> None:
+def list_tasks(arguments: dict[str, Any], as_json: bool) -> None:
     """Print the tasks, the tracks and the protocol."""
-    found = bench_list()
+    registry = bench_list()
     if as_json:
-        print_json(found)
+        print_json(registry)
         return
-    for task in found["tasks"]:
+    for task in registry["tasks"]:
         tell(f"{task['task']:30s} {task['scenario_hash'][:12]}  {task['about']}")
-    rules = found["protocol"]
+    rules = registry["protocol"]
     tell()
     for name, track in rules["tracks"].items():
         seeds = track["seeds"]
@@ -43,46 +43,46 @@ def list_tasks(asked: dict[str, Any], as_json: bool) -> None:
 
 
 @made(bench_run, AS_JSON, NO_PROGRESS, NO_PLUGINS)
-def run(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def run(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print how the policy did, and the folder of the submission."""
-    done, interrupted = ended(bench_run, asked, "no seed has ended")
+    submission, interrupted = ended(bench_run, arguments, "no seed has ended")
     if as_json:
-        print_json(done.content())
+        print_json(submission.content())
     else:
         from desim_uav.report.text import print_bench
 
-        print_bench(done.content())
-        tell(done.folder)
+        print_bench(submission.content())
+        tell(submission.folder)
     end(interrupted)
 
 
 @made(bench_verify, AS_JSON, NO_PROGRESS, NO_PLUGINS)
-def verify(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def verify(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print the differences, and end with exit code 6 if there are any."""
-    folder = asked["folder"]
-    said, _ = ended(bench_verify, asked, "nothing was found out")
+    folder = arguments["folder"]
+    differences, _ = ended(bench_verify, arguments, "nothing was found out")
     if as_json:
-        print_json({"folder": str(folder), "verified": not said, "differences": said})
-    elif not said:
+        print_json({"folder": str(folder), "verified": not differences, "differences": differences})
+    elif not differences:
         tell(f"{folder}: all runs replayed, bit for bit the same")
-    if said:
-        complain("\n".join(f"{folder}: {line}" for line in said))
+    if differences:
+        complain("\n".join(f"{folder}: {line}" for line in differences))
         raise typer.Exit(6)
 
 
 @made(bench_board, AS_JSON)
-def board(asked: dict[str, Any], as_json: bool) -> None:
+def board(arguments: dict[str, Any], as_json: bool) -> None:
     """Print the leaderboard, or the files that it was written to."""
-    found = bench_board(**asked)
+    leaderboard = bench_board(**arguments)
     if as_json:
-        print_json(found.content())
-    elif asked["out"] is None:
-        print(found.markdown(), end="")
-    for file in (asked["out"], asked["figure"]):
+        print_json(leaderboard.content())
+    elif arguments["out"] is None:
+        print(leaderboard.markdown(), end="")
+    for file in (arguments["out"], arguments["figure"]):
         if file is not None and not as_json:
             tell(file)
 
 
-app.command("list", cls=Command)(list_tasks)
+app.command("list", cls=PlainCommand)(list_tasks)
 for command in (run, verify, board):
-    app.command(cls=Command)(command)
+    app.command(cls=PlainCommand)(command)

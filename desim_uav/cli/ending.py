@@ -18,14 +18,14 @@ def complain(problems: str) -> None:
 
 
 def ended(
-    verb: Callable[..., Any], asked: Mapping[str, Any], otherwise: str = "nothing is kept"
+    verb: Callable[..., Any], arguments: Mapping[str, Any], otherwise: str = "nothing is kept"
 ) -> tuple[Any, str]:
     """Call a verb; return its result, and what is to be said if Ctrl-C ended it early, or "".
 
     Without a result it ends the command, which says ``otherwise``.
     """
     try:
-        return verb(**asked), ""
+        return verb(**arguments), ""
     except Interrupted as stopped:
         return stopped.result, str(stopped)
     except KeyboardInterrupt:

@@ -17,12 +17,12 @@ from desim_uav.notices import tell
 
 
 @made(run_train, AS_JSON, QUIET, NO_PLUGINS, without=("callback", "callback_every"))
-def train(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def train(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print the means over the last episodes."""
-    asked["out"] = asked["out"] or True
+    arguments["out"] = arguments["out"] or True
     resumable = "the last checkpoint is kept: --resume goes on from it"
-    done, interrupted = ended(run_train, asked, resumable)
-    summary = done.summary()
+    result, interrupted = ended(run_train, arguments, resumable)
+    summary = result.summary()
     if as_json:
         print_json(summary)
     elif not quiet:
@@ -34,30 +34,30 @@ def train(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
 
 @made(find_optimum, AS_JSON, NO_PROGRESS, NO_PLUGINS)
-def optimum(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def optimum(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print the optima, and the bounds of runs."""
     from desim_uav.report.optimum import print_optimum
 
-    found = find_optimum(**asked)
+    solution = find_optimum(**arguments)
     if as_json:
-        print_json(found.content())
+        print_json(solution.content())
     else:
-        print_optimum(found.content())
+        print_optimum(solution.content())
 
 
 @made(run_reproduce, CHECK, QUIET)
-def reproduce(asked: dict[str, Any], check: bool, quiet: bool) -> None:
+def reproduce(arguments: dict[str, Any], check: bool, quiet: bool) -> None:
     """Print both tables, and end with exit code 6 if a gate does not hold and this was asked."""
     from desim_uav.experiment.paper_table import HEADINGS, cells
     from desim_uav.report.paper import print_claims, print_paper_table
 
-    if check and asked["preset"] == "paper":
+    if check and arguments["preset"] == "paper":
         raise UsageError("--check: the gates are of the default training, not of the paper's")
-    found = run_reproduce(**asked)
+    report = run_reproduce(**arguments)
     if not quiet:
-        print_paper_table(HEADINGS, [cells(line) for line in found.table])
-        print_claims([(c.text, c.found, c.holds) for c in found.claims])
-        tell(asked["out"] / "table.md")
-    if check and found.failed:
-        complain("\n".join(f"gate: {claim.text}: {claim.found}" for claim in found.failed))
+        print_paper_table(HEADINGS, [cells(line) for line in report.table])
+        print_claims([(c.text, c.found, c.holds) for c in report.claims])
+        tell(arguments["out"] / "table.md")
+    if check and report.failed:
+        complain("\n".join(f"gate: {claim.text}: {claim.found}" for claim in report.failed))
         raise typer.Exit(6)

@@ -15,7 +15,7 @@ MAKING, SCENARIO, OUTPUT = "What is run", "The scenario", "What comes out"
 Complete = Callable[[str], list[str]]
 
 
-class Look(NamedTuple):
+class OptionLook(NamedTuple):
     """The look of a parameter: what stands for its value, its heading, and its flags.
 
     An option has the flag ``--its-name`` unless it has others; an ``argument`` has none. With
@@ -42,8 +42,8 @@ def complete_policies(incomplete: str) -> list[str]:
     """Return built-in and shipped policies, for a shell that completes what is typed."""
     from desim_uav.shipped import trained_names
 
-    known = ["baseline", "hover", "random", *trained_names()]
-    return [name for name in known if name.startswith(incomplete)]
+    names = ["baseline", "hover", "random", *trained_names()]
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def complete_tasks(incomplete: str) -> list[str]:
@@ -60,24 +60,28 @@ def complete_papers(incomplete: str) -> list[str]:
     return [name for name in ENTRIES if name.startswith(incomplete)]
 
 
-POLICY = Look("POLICY", MAKING, complete=complete_policies)
-POLICIES = Look("P,Q…", MAKING, commas=True)
-OVERRIDES = Look("KEY.PATH=VALUE", SCENARIO, ("-S",), repeated=True)
-NUMBER, FOLDER, MODE = Look("N", MAKING), Look("DIR", OUTPUT), Look(heading=MAKING)
-RUN = Look("RUN_DIR", argument=True)
+POLICY = OptionLook("POLICY", MAKING, complete=complete_policies)
+POLICIES = OptionLook("P,Q…", MAKING, commas=True)
+OVERRIDES = OptionLook("KEY.PATH=VALUE", SCENARIO, ("-S",), repeated=True)
+NUMBER, FOLDER, MODE = (
+    OptionLook("N", MAKING),
+    OptionLook("DIR", OUTPUT),
+    OptionLook(heading=MAKING),
+)
+RUN = OptionLook("RUN_DIR", argument=True)
 
-LOOKS: dict[str, Look] = {
-    "scenario": Look("SCENARIO", argument=True, complete=complete_scenarios),
+LOOKS: dict[str, OptionLook] = {
+    "scenario": OptionLook("SCENARIO", argument=True, complete=complete_scenarios),
     "overrides": OVERRIDES,
     "values": OVERRIDES._replace(metavar="KEY.PATH=V,W…"),
-    "seed": Look("N", SCENARIO),
-    "world_seed": Look("N", SCENARIO),
+    "seed": OptionLook("N", SCENARIO),
+    "world_seed": OptionLook("N", SCENARIO),
     "policy": POLICY,
     "to": POLICY,
     "policies": POLICIES,
-    "algorithm": Look("A", MAKING),
+    "algorithm": OptionLook("A", MAKING),
     "algorithms": POLICIES._replace(metavar="A,B…", flags=("--algorithm",)),
-    "engine": Look("auto|des|batch", MAKING),
+    "engine": OptionLook("auto|des|batch", MAKING),
     "seeds": NUMBER,
     "first_seed": NUMBER,
     "episodes": NUMBER,
@@ -85,58 +89,58 @@ LOOKS: dict[str, Look] = {
     "jobs": NUMBER._replace(flags=("-j", "--jobs")),
     "train": MODE,
     "decide": MODE,
-    "fork": Look("EPISODE:STEP", MAKING),
-    "backend": Look("local|ray", MAKING),
-    "address": Look("ADDRESS", MAKING),
-    "preset": Look("default|paper|both", MAKING),
-    "cases": Look("1-9", MAKING),
-    "track": Look("one|any", MAKING),
-    "task": Look("TASK", argument=True, complete=complete_tasks),
+    "fork": OptionLook("EPISODE:STEP", MAKING),
+    "backend": OptionLook("local|ray", MAKING),
+    "address": OptionLook("ADDRESS", MAKING),
+    "preset": OptionLook("default|paper|both", MAKING),
+    "cases": OptionLook("1-9", MAKING),
+    "track": OptionLook("one|any", MAKING),
+    "task": OptionLook("TASK", argument=True, complete=complete_tasks),
     "out": FOLDER,
-    "events": Look(heading=OUTPUT),
-    "resume": Look(heading=OUTPUT),
-    "checkpoint_every": Look("N", OUTPUT),
-    "training_steps": Look("N", OUTPUT),
-    "name": Look("NAME", OUTPUT),
-    "against": Look("POLICY"),
-    "compare.against": Look("POLICY", OUTPUT),
-    "compare.out": Look("FILE.csv", OUTPUT),
-    "compare_runs.folders": Look("SCENARIO|RUN…", argument=True, complete=complete_scenarios),
-    "bench_run.policy": Look("POLICY", MAKING),
-    "bench_verify.folder": Look("DIR", argument=True),
-    "bench_board.folders": Look("DIR…", argument=True),
-    "bench_board.out": Look("FILE.md", OUTPUT, ("-o", "--out")),
-    "bench_board.figure": Look("FILE", OUTPUT),
-    "files": Look("FILE…", argument=True, complete=complete_scenarios),
-    "show": Look("NAME"),
-    "names": Look("[NAME…]", argument=True, complete=complete_papers),
+    "events": OptionLook(heading=OUTPUT),
+    "resume": OptionLook(heading=OUTPUT),
+    "checkpoint_every": OptionLook("N", OUTPUT),
+    "training_steps": OptionLook("N", OUTPUT),
+    "name": OptionLook("NAME", OUTPUT),
+    "against": OptionLook("POLICY"),
+    "compare.against": OptionLook("POLICY", OUTPUT),
+    "compare.out": OptionLook("FILE.csv", OUTPUT),
+    "compare_runs.folders": OptionLook("SCENARIO|RUN…", argument=True, complete=complete_scenarios),
+    "bench_run.policy": OptionLook("POLICY", MAKING),
+    "bench_verify.folder": OptionLook("DIR", argument=True),
+    "bench_board.folders": OptionLook("DIR…", argument=True),
+    "bench_board.out": OptionLook("FILE.md", OUTPUT, ("-o", "--out")),
+    "bench_board.figure": OptionLook("FILE", OUTPUT),
+    "files": OptionLook("FILE…", argument=True, complete=complete_scenarios),
+    "show": OptionLook("NAME"),
+    "names": OptionLook("[NAME…]", argument=True, complete=complete_papers),
     "gallery.figure": FOLDER,
-    "markdown": Look("FILE", OUTPUT),
-    "by": Look("service|episode|user|outcome"),
+    "markdown": OptionLook("FILE", OUTPUT),
+    "by": OptionLook("service|episode|user|outcome"),
     "run_dir": RUN,
     "beside": RUN._replace(metavar="RUN_DIR2"),
-    "html": Look("FILE"),
-    "write_replay.episodes": Look("0-9"),
+    "html": OptionLook("FILE"),
+    "write_replay.episodes": OptionLook("0-9"),
     "write_report.runs": RUN._replace(metavar="RUN_DIR…"),
-    "write_report.out": Look("FILE.html"),
+    "write_report.out": OptionLook("FILE.html"),
     "film.run": RUN,
-    "plot.episode": Look("N"),
-    "title": Look("TITLE"),
-    "kind": Look("KIND", argument=True),
+    "plot.episode": OptionLook("N"),
+    "title": OptionLook("TITLE"),
+    "kind": OptionLook("KIND", argument=True),
     "runs": RUN._replace(metavar="RUN…"),
-    "plot.out": Look("FILE", flags=("-o", "--out")),
-    "minute": Look("M"),
-    "drone": Look("D"),
-    "level": Look("K"),
-    "at": Look("X,Y"),
-    "measure": Look("NAME"),
-    "key": Look("KEY[=VALUE]"),
+    "plot.out": OptionLook("FILE", flags=("-o", "--out")),
+    "minute": OptionLook("M"),
+    "drone": OptionLook("D"),
+    "level": OptionLook("K"),
+    "at": OptionLook("X,Y"),
+    "measure": OptionLook("NAME"),
+    "key": OptionLook("KEY[=VALUE]"),
 }
 
 
-def look_of(verb: str, name: str) -> Look:
+def look_of(verb: str, name: str) -> OptionLook:
     """Return the look of a parameter of a verb."""
-    return LOOKS.get(f"{verb}.{name}", LOOKS.get(name, Look()))
+    return LOOKS.get(f"{verb}.{name}", LOOKS.get(name, OptionLook()))
 
 
 def flags_of(verb: str, name: str) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 import typer
 
-from desim_uav.cli.looks import Look, flags_of, look_of
+from desim_uav.cli.looks import OptionLook, flags_of, look_of
 from desim_uav.cli.terminal import NO_PLUGINS, QUIETS
 from desim_uav.typed import OneOf, Within, marks_of
 
@@ -54,12 +54,12 @@ def made(
     def decorate(work: Work) -> Work:
         own = [parameter_of(of[name], name, name in optional) for name in of]
 
-        def command(**given: Any) -> None:
-            asked = {name: value_of(of[name], name, given.pop(name)) for name in of}
+        def command(**values: Any) -> None:
+            arguments = {name: value_of(of[name], name, values.pop(name)) for name in of}
             if shows and any(each in QUIETS for each in terminal):
-                asked["progress"] = not given["quiet"]
-            given.pop(NO_PLUGINS.name, None)
-            work(asked, **given)
+                arguments["progress"] = not values["quiet"]
+            values.pop(NO_PLUGINS.name, None)
+            work(arguments, **values)
 
         command.__name__ = work.__name__
         command.__doc__ = about(verb)
@@ -88,7 +88,7 @@ def parameter_of(verb: Verb, name: str, optional: bool = False) -> inspect.Param
         kind |= None
     info = typer.Argument if look.argument else typer.Option
     flags = flags_of(verb.__name__, name)
-    shown: Any = info(
+    option: Any = info(
         *(() if look.argument else flags),
         metavar=look.metavar or ("N" if kind in (int, float, int | None, float | None) else None),
         help=helps(verb).get(name),  # without docstrings (python -OO), there is none
@@ -97,7 +97,7 @@ def parameter_of(verb: Verb, name: str, optional: bool = False) -> inspect.Param
         rich_help_panel=look.heading,
     )
     return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, shown]
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
     )
 
 
@@ -110,11 +110,11 @@ class _InTerminals(dict[str, Any]):
 
 def hint_of(verb: Verb, parameter: inspect.Parameter) -> Any:
     """Return the annotation of a verb's parameter, without importing what only Python has."""
-    known = inspect.unwrap(verb).__globals__
-    return eval(parameter.annotation, known, _InTerminals(vars(builtins) | known))
+    names = inspect.unwrap(verb).__globals__
+    return eval(parameter.annotation, names, _InTerminals(vars(builtins) | names))
 
 
-def kind_of(hint: Any, look: Look) -> Any:
+def kind_of(hint: Any, look: OptionLook) -> Any:
     """Return the type that typer is told of."""
     members = _alternatives(hint)
     if members == [bool]:
@@ -140,14 +140,14 @@ def _is_sequence(hint: Any) -> bool:
     return get_origin(hint) is Sequence
 
 
-def value_of(verb: Verb, name: str, given: Any) -> Any:
+def value_of(verb: Verb, name: str, text: Any) -> Any:
     """Return what a verb is given for what was typed."""
-    if given is None or given == []:
+    if text is None or text == []:
         default = parameters_of(verb)[name].default
         return default if default == () else None
-    if given is not None and look_of(verb.__name__, name).commas:
-        return given.split(",")
-    return given
+    if text is not None and look_of(verb.__name__, name).commas:
+        return text.split(",")
+    return text
 
 
 def _check(marks: Sequence[Within | OneOf], flag: str) -> Callable[[Any], Any] | None:
@@ -158,8 +158,8 @@ def _check(marks: Sequence[Within | OneOf], flag: str) -> Callable[[Any], Any] |
     def check(value: Any) -> Any:
         for mark in marks:
             if isinstance(mark, Within) and value is not None and not mark.holds(value):
-                said = f"{value:g}" if isinstance(value, float) else value
-                raise typer.BadParameter(f"{said} is not {mark.words}")
+                text = f"{value:g}" if isinstance(value, float) else value
+                raise typer.BadParameter(f"{text} is not {mark.words}")
             if isinstance(mark, OneOf) and value is not None and (wrong := mark.problem(value)):
                 raise typer.BadParameter(wrong, param_hint=flag)
         return value
@@ -173,21 +173,21 @@ def _check(marks: Sequence[Within | OneOf], flag: str) -> Callable[[Any], Any] |
 def about(verb: Verb) -> str:
     """Return what a docstring says of a command."""
     paragraphs = _parts(verb)[0].split("\n\n")
-    shown = (one for one in paragraphs if not one.startswith(IN_PYTHON))
-    return "\n\n".join(shown).replace("``", "")
+    for_terminal = (one for one in paragraphs if not one.startswith(IN_PYTHON))
+    return "\n\n".join(for_terminal).replace("``", "")
 
 
 @cache
 def helps(verb: Verb) -> dict[str, str]:
     """Return what a docstring says of each parameter."""
-    found: dict[str, list[str]] = {}
+    lines_of: dict[str, list[str]] = {}
     name = ""
     for line in _parts(verb)[1].splitlines():
         entry = ENTRY.fullmatch(line)
         if entry is not None:
             name = entry[1]
-        found.setdefault(name, []).append(line.strip() if entry is None else entry[2])
-    texts = {name: " ".join(lines) for name, lines in found.items() if name}
+        lines_of.setdefault(name, []).append(line.strip() if entry is None else entry[2])
+    texts = {name: " ".join(lines) for name, lines in lines_of.items() if name}
     return {
         name: f" {text}".partition(f" {IN_PYTHON}")[0].strip().replace("``", "")
         for name, text in texts.items()

@@ -15,7 +15,7 @@ from desim_uav import __version__
 from desim_uav.api.invocation import begun_by
 from desim_uav.cli import basics, bench, learning, pictures, runs
 from desim_uav.cli.ending import complain
-from desim_uav.cli.plain import Command, Group
+from desim_uav.cli.plain import PlainCommand, PlainGroup
 from desim_uav.errors import DesimError, UsageError, drop
 from desim_uav.experiment.interrupt import INTERRUPTED, end_politely, leave
 from desim_uav.notices import replace_lacking
@@ -24,7 +24,7 @@ from desim_uav.plug_ins import ADMISSION
 app = typer.Typer(
     help="Exact discrete-event simulation of UAV-enabled wireless networks.",
     no_args_is_help=True,
-    cls=Group,
+    cls=PlainGroup,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -140,5 +140,5 @@ def _flushed(code: int) -> int:
 
 
 for command in COMMANDS:
-    app.command(cls=Command)(command)
+    app.command(cls=PlainCommand)(command)
 app.add_typer(bench.app, name="bench")

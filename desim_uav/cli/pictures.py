@@ -16,44 +16,44 @@ from desim_uav.notices import tell
     *(pictures.write_replay, OPEN, AS_JSON, NO_PROGRESS, NO_PLUGINS),
     without=("most_bytes",),
 )
-def replay(asked: dict[str, Any], open_it: bool, as_json: bool, quiet: bool) -> None:
+def replay(arguments: dict[str, Any], open_it: bool, as_json: bool, quiet: bool) -> None:
     """Print the page's file, and say which episodes there was no room for."""
-    done = pictures.write_replay(**asked)
-    assert done.file is not None
-    if done.left_out:
+    page = pictures.write_replay(**arguments)
+    assert page.file is not None
+    if page.left_out:
         complain(
-            f"{done.file}: it holds episodes {done.episodes[0]} to {done.episodes[-1]}; with the "
-            f"{len(done.left_out)} others it would pass 25 MiB: choose some with --episodes"
+            f"{page.file}: it holds episodes {page.episodes[0]} to {page.episodes[-1]}; with the "
+            f"{len(page.left_out)} others it would pass 25 MiB: choose some with --episodes"
         )
     if as_json:
-        print_json(done.summary())
+        print_json(page.summary())
     else:
-        tell(done.file)
+        tell(page.file)
     if open_it:
         import webbrowser
 
-        webbrowser.open(done.file.resolve().as_uri())
+        webbrowser.open(page.file.resolve().as_uri())
 
 
 @made(pictures.write_report, NO_PLUGINS)
-def report(asked: dict[str, Any]) -> None:
+def report(arguments: dict[str, Any]) -> None:
     """Print the page's file."""
-    tell(pictures.write_report(**asked))
+    tell(pictures.write_report(**arguments))
 
 
 @made(pictures.plot, NO_PLUGINS)
-def plot(asked: dict[str, Any]) -> None:
+def plot(arguments: dict[str, Any]) -> None:
     """Print the figure's file."""
-    place = asked["out"] or pictures.figure_place(asked["kind"], asked["runs"])
-    pictures.plot(**asked | {"out": asked["out"] or True})
+    place = arguments["out"] or pictures.figure_place(arguments["kind"], arguments["runs"])
+    pictures.plot(**arguments | {"out": arguments["out"] or True})
     tell(place)
 
 
 @made(pictures.film, GIF, MP4, NO_PROGRESS, NO_PLUGINS, without=("file",))
-def video(asked: dict[str, Any], gif: Path | None, mp4: Path | None, quiet: bool) -> None:
+def video(arguments: dict[str, Any], gif: Path | None, mp4: Path | None, quiet: bool) -> None:
     """Print the films' files."""
     from desim_uav.experiment.plot import film
 
-    run, shows = asked.pop("run"), asked.pop("progress")
-    for place in film(run, gif, mp4, **asked, show_progress=shows):
+    run, shows = arguments.pop("run"), arguments.pop("progress")
+    for place in film(run, gif, mp4, **arguments, show_progress=shows):
         tell(place)

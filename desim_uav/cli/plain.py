@@ -36,7 +36,7 @@ def _read_as_far_as_wanted() -> Iterator[None]:
         raise
 
 
-class Command(TyperCommand):
+class PlainCommand(TyperCommand):
     """A command with such a help."""
 
     def get_params(self, ctx: Any) -> list[Any]:
@@ -44,7 +44,7 @@ class Command(TyperCommand):
         return _plain(super().get_params(ctx))
 
 
-class Group(TyperGroup):
+class PlainGroup(TyperGroup):
     """The program itself."""
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:

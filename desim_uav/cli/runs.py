@@ -26,15 +26,15 @@ from desim_uav.notices import tell
     optional=("fork", "to"),
     also={"fork": counterfactual, "to": counterfactual},
 )
-def run(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def run(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print the measures, by service; or those of both branches of a fork."""
-    asked["out"] = asked["out"] or True
-    branches = {name: asked.pop(name) for name in ("fork", "to")}
+    arguments["out"] = arguments["out"] or True
+    branches = {name: arguments.pop(name) for name in ("fork", "to")}
     if branches != {"fork": None, "to": None}:
-        _run_forked(asked | branches, as_json, quiet)
+        _run_forked(arguments | branches, as_json, quiet)
         return
-    done, interrupted = ended(run_policy, asked)
-    (summary,), (by_service,) = done.summaries(), done.groups("service")
+    result, interrupted = ended(run_policy, arguments)
+    (summary,), (by_service,) = result.summaries(), result.groups("service")
     if as_json:
         print_json(summary)
     elif not quiet:
@@ -42,33 +42,33 @@ def run(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
         print_run(summary, by_service)
     if interrupted:
-        kept = f"interrupted; the finished episodes are kept: {summary['run_dir']}"
-        end(f"{kept} (--resume goes on)")
+        message = f"interrupted; the finished episodes are kept: {summary['run_dir']}"
+        end(f"{message} (--resume goes on)")
 
 
-def _run_forked(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def _run_forked(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Run both branches, and print their measures."""
-    if asked.pop("resume"):
+    if arguments.pop("resume"):
         raise UsageError("--resume: a run with --fork cannot be continued")
-    for given, lacks in (("fork", "to"), ("to", "fork")):
-        if asked[lacks] is None:
+    for option, lacks in (("fork", "to"), ("to", "fork")):
+        if arguments[lacks] is None:
             form = "run SCENARIO --fork EPISODE:STEP --to POLICY"
-            raise UsageError(f"--{given} needs --{lacks}: {form}")
-    asked.pop("events")  # they are kept
-    done, _ = ended(counterfactual, asked)
+            raise UsageError(f"--{option} needs --{lacks}: {form}")
+    arguments.pop("events")  # they are kept
+    branches, _ = ended(counterfactual, arguments)
     if as_json:
-        print_json(done.summary())
+        print_json(branches.summary())
     elif not quiet:
         from desim_uav.report.text import print_fork
 
-        print_fork(done.summary())
+        print_fork(branches.summary())
 
 
 @made(measures_of, AS_JSON, NO_PLUGINS)
-def qoe(asked: dict[str, Any], as_json: bool) -> None:
+def qoe(arguments: dict[str, Any], as_json: bool) -> None:
     """Print the measures, or those of each group."""
-    summary, groups = measures_of(**asked)
-    by = asked["by"]
+    summary, groups = measures_of(**arguments)
+    by = arguments["by"]
     if as_json:
         print_json(summary | ({} if groups is None else {"by": by, "groups": groups}))
         return
@@ -92,26 +92,26 @@ HOW_TO_RUN = (
     optional=("policies",),
     also={"folders": compare_runs},
 )
-def compare(asked: dict[str, Any], context: typer.Context, as_json: bool, quiet: bool) -> None:
+def compare(arguments: dict[str, Any], context: typer.Context, as_json: bool, quiet: bool) -> None:
     """Print the means, and the differences from a policy, of finished runs or of runs to come."""
     from desim_uav.experiment.compare import policy_names, the_scenario
 
-    what, interrupted = asked.pop("folders"), ""
-    if asked["policies"] is None:
+    what, interrupted = arguments.pop("folders"), ""
+    if arguments["policies"] is None:
         _refuse_how_to_run(context)
-        found = compare_runs(what, against=asked["against"], out=asked["out"])
+        comparison = compare_runs(what, against=arguments["against"], out=arguments["out"])
     else:
         scenario = the_scenario(what)
-        asked["policies"] = policy_names(asked["policies"])
-        found, interrupted = ended(
-            compare_policies, asked | {"scenario": scenario}, "no run has ended"
+        arguments["policies"] = policy_names(arguments["policies"])
+        comparison, interrupted = ended(
+            compare_policies, arguments | {"scenario": scenario}, "no run has ended"
         )
     if as_json:
-        print_json(found.content())
+        print_json(comparison.content())
     else:
         from desim_uav.report.text import print_comparison
 
-        print_comparison(found.content())
+        print_comparison(comparison.content())
     if interrupted:
         end("interrupted; what had ended is shown")
 
@@ -126,19 +126,21 @@ def _refuse_how_to_run(context: typer.Context) -> None:
 
 
 @made(run_sweep, AS_JSON, QUIET, NO_PLUGINS)
-def sweep(asked: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def sweep(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print a row for each combination, and which jobs have failed."""
-    done, interrupted = ended(run_sweep, asked, "what had ended is kept; --resume goes on")
+    result, interrupted = ended(run_sweep, arguments, "what had ended is kept; --resume goes on")
     if as_json:
-        print_json(done.content())
+        print_json(result.content())
     elif not quiet:
         from desim_uav.report.text import print_sweep
 
-        print_sweep(done.headings(), done.lines())
-        tell(asked["out"] / "results")
-    if done.failures:
-        complain(done.complaint())
+        print_sweep(result.headings(), result.lines())
+        tell(arguments["out"] / "results")
+    if result.failures:
+        complain(result.complaint())
     if interrupted:
-        end(f"interrupted; {len(done.rows)} of {len(done.jobs)} jobs are kept; --resume goes on")
-    if done.failures:
+        end(
+            f"interrupted; {len(result.rows)} of {len(result.jobs)} jobs are kept; --resume goes on"
+        )
+    if result.failures:
         raise typer.Exit(1)

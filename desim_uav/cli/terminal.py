@@ -13,15 +13,15 @@ from desim_uav.plug_ins import ADMISSION
 
 
 def _flag(name: str, *flags: str, about: str, heading: str | None = OUTPUT, **more: Any) -> Any:
-    shown: Any = typer.Option(*flags, help=about, rich_help_panel=heading, **more)
+    option: Any = typer.Option(*flags, help=about, rich_help_panel=heading, **more)
     kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(name, kind, default=False, annotation=Annotated[bool, shown])
+    return inspect.Parameter(name, kind, default=False, annotation=Annotated[bool, option])
 
 
 def _file(name: str, metavar: str, about: str) -> Any:
-    shown: Any = typer.Option(metavar=metavar, help=about)
+    option: Any = typer.Option(metavar=metavar, help=about)
     kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(name, kind, default=None, annotation=Annotated[Path | None, shown])
+    return inspect.Parameter(name, kind, default=None, annotation=Annotated[Path | None, option])
 
 
 def _begin(refuses: bool) -> bool:

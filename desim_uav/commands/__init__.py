@@ -5,10 +5,10 @@ Everything that depends on which of the two it is stands here. Others ask ``Worl
 
 from __future__ import annotations
 
+from desim_uav.commands.aims import FreeCommands
 from desim_uav.commands.base import Commands
 from desim_uav.commands.cells import CellCommands
 from desim_uav.commands.each import EachCommands
-from desim_uav.commands.free import FreeCommands
 from desim_uav.drone_type import DroneType
 from desim_uav.model.motion.motion import cruise_of
 from desim_uav.model.rules import Action, actions, free_actions
@@ -27,10 +27,10 @@ def commands_for(scenario: Scenario, types: tuple[DroneType, ...]) -> Commands:
     by_cells = next((own for own in types if not own.free), None)
     if by_cells is None:
         return FreeCommands(scenario, types, free_actions(limited))
-    chosen = actions(scenario.three_d, limited, cruise_of(by_cells.drones.motion))
+    actions_ = actions(scenario.three_d, limited, cruise_of(by_cells.drones.motion))
     if not scenario.free:
-        return CellCommands(scenario, types, chosen)
-    chosen = (*chosen, Action.FLY)
+        return CellCommands(scenario, types, actions_)
+    actions_ = (*actions_, Action.FLY)
     return EachCommands(
-        CellCommands(scenario, types, chosen), FreeCommands(scenario, types, chosen)
+        CellCommands(scenario, types, actions_), FreeCommands(scenario, types, actions_)
     )

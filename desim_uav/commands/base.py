@@ -19,8 +19,8 @@ from desim_uav.rules.decide import can_take
 from desim_uav.scenario.schema import Scenario
 
 if TYPE_CHECKING:
+    from desim_uav.commands.aims import FreeCommands
     from desim_uav.commands.cells import CellCommands
-    from desim_uav.commands.free import FreeCommands
 
 Kept = NDArray[np.float64] | None
 """The numbers of commands of free flight in a saved state (steps, drones, numbers)."""
@@ -53,7 +53,7 @@ class Commands(Protocol):
         Raises ScenarioError, which says that ``what`` needs it, if they do not.
         """
 
-    def joined(self, given: Sequence[Any]) -> Any:
+    def joined(self, commands: Sequence[Any]) -> Any:
         """Return a command of each drone as one action. Raises CommandError, with the drone."""
 
     def split(self, action: Any) -> Sequence[Command]:
@@ -68,15 +68,15 @@ class Commands(Protocol):
     def kept(self, aims: Sequence[float]) -> Kept:
         """Return what a saved state has of the AIMS numbers of all commands."""
 
-    def played(self, indices: list[list[int]], kept: Kept) -> list[list[Command]]:
-        """Return the commands of each step, from their indices and what was ``kept``.
+    def played(self, indices: list[list[int]], numbers: Kept) -> list[list[Command]]:
+        """Return the commands of each step, from their indices and the ``numbers`` of a state.
 
         Raises CommandError if that does not fit.
         """
 
 
 @dataclass(frozen=True, eq=False)
-class Alike(Unchanging):
+class AlikeCommands(Unchanging):
     """Commands of drones that all move alike; there may be others in the same world."""
 
     scenario: Scenario
@@ -88,8 +88,8 @@ class Alike(Unchanging):
     @cached_property
     def named(self) -> dict[str, int]:
         """The indices of the actions that drones which move so can take, by name."""
-        named = by_name(self.actions).items()
-        return {name: k for name, k in named if can_take(int(self.actions[k]), self.off_grid)}
+        items = by_name(self.actions).items()
+        return {name: k for name, k in items if can_take(int(self.actions[k]), self.off_grid)}
 
     @property
     def _in_words(self) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.commands.base import Alike, Arrays, Kept
+from desim_uav.commands.base import AlikeCommands, Arrays, Kept
 from desim_uav.commands.given import (
     Command,
     CommandError,
@@ -20,7 +20,7 @@ from desim_uav.commands.given import (
 )
 
 
-class CellCommands(Alike):
+class CellCommands(AlikeCommands):
     """Commands of drones that fly from cell to cell: indices of actions.
 
     ``shape`` is that of the action of one environment for all of its drones, and ``shape_of_each``
@@ -64,7 +64,7 @@ class CellCommands(Alike):
         """Return the answer of a policy as an index, which may be that of no action, or None."""
         return index_of(self.actions, answer)
 
-    def scripted(self, drone: int, index: int, given: Mapping[str, float | None]) -> Command:
+    def scripted(self, drone: int, index: int, values: Mapping[str, float | None]) -> Command:
         """Return the command of an action in a script, which ignores the numbers beside it."""
         return index
 
@@ -90,11 +90,11 @@ class CellCommands(Alike):
         """Return which entries of a mask are those of a drone's type: the first ones."""
         return slice(len(self.own(drone).actions))
 
-    def checked(self, drone: int, given: Any) -> int:
+    def checked(self, drone: int, index: Any) -> int:
         """Return the index of an action of a drone's type. Raises CommandError, with the drone."""
         last = len(self.own(drone).actions) - 1
         with naming(drone):
-            command = int(whole_numbers(given, ()))
+            command = int(whole_numbers(index, ()))
             if not 0 <= command <= last:
                 raise CommandError(f"actions must be from 0 to {last}, not {command}")
         return command
@@ -114,11 +114,11 @@ class CellCommands(Alike):
 
         return MultiDiscrete(np.full((count, *self.shape_of_each), len(self.actions)))
 
-    def joined(self, given: Sequence[Any]) -> Any:
+    def joined(self, commands: Sequence[Any]) -> Any:
         """Return the indices; that of a single drone alone."""
         if self._differ:
-            given = [self.checked(drone, one) for drone, one in enumerate(given)]
-        return given if len(given) != 1 else given[0]
+            commands = [self.checked(drone, one) for drone, one in enumerate(commands)]
+        return commands if len(commands) != 1 else commands[0]
 
     def split(self, action: Any) -> list[Command]:
         """Return the index of each drone."""
@@ -153,8 +153,8 @@ class CellCommands(Alike):
         """Return None."""
         return None
 
-    def played(self, indices: list[list[int]], kept: Kept) -> list[list[Command]]:
+    def played(self, indices: list[list[int]], numbers: Kept) -> list[list[Command]]:
         """Return the indices."""
-        if kept is not None:
-            raise CommandError(f"numbers of the shape {kept.shape} do not fit")
+        if numbers is not None:
+            raise CommandError(f"numbers of the shape {numbers.shape} do not fit")
         return [[*step] for step in indices]

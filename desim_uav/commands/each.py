@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.commands.aims import FreeCommands
 from desim_uav.commands.base import Arrays, Kept
 from desim_uav.commands.cells import CellCommands
-from desim_uav.commands.free import FreeCommands
 from desim_uav.commands.given import Command
 from desim_uav.copies import Unchanging
 from desim_uav.model.rules import Action, Choice
@@ -56,9 +56,9 @@ class EachCommands(Unchanging):
         """Return that the actions are those of this drone."""
         return f"drone {drone}"
 
-    def joined(self, given: Sequence[Any]) -> list[Any]:
+    def joined(self, commands: Sequence[Any]) -> list[Any]:
         """Return the list of commands, each checked for its drone."""
-        return [self._of[drone].checked(drone, one) for drone, one in enumerate(given)]
+        return [self._of[drone].checked(drone, one) for drone, one in enumerate(commands)]
 
     def split(self, action: Any) -> Sequence[Command]:
         """Return the commands, which ``joined`` has checked."""
@@ -79,10 +79,10 @@ class EachCommands(Unchanging):
         """Return the numbers, which are 0 for drones that have none."""
         return self.free.kept(aims)
 
-    def played(self, indices: list[list[int]], kept: Kept) -> list[list[Command]]:
+    def played(self, indices: list[list[int]], numbers: Kept) -> list[list[Command]]:
         """Return numbers in the place of the indices of free flights of those that have them."""
         flies = [own is self.free for own in self._of]
         return [
             [one if free else index for free, index, one in zip(flies, step, own, strict=True)]
-            for step, own in zip(indices, self.free.played(indices, kept), strict=True)
+            for step, own in zip(indices, self.free.played(indices, numbers), strict=True)
         ]

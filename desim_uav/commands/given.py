@@ -44,25 +44,25 @@ def index_of(actions: Sequence[Choice], answer: Any) -> int | None:
     return None if "bool" in str(getattr(answer, "dtype", type(answer).__name__)) else whole
 
 
-def whole_numbers(given: Any, *shapes: tuple[int, ...]) -> NDArray[np.int64]:
+def whole_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.int64]:
     """Return actions as int64; they must have one of these shapes. Raises CommandError."""
     try:
-        numbers = np.asarray(given)
+        numbers = np.asarray(actions)
     except ValueError as problem:
         raise CommandError(f"actions must be whole numbers: {problem}") from problem
     if numbers.dtype != np.int64:
         if numbers.dtype.kind not in "iu":
-            raise CommandError(f"actions must be whole numbers, not {given!r}")
+            raise CommandError(f"actions must be whole numbers, not {actions!r}")
         numbers = numbers.astype(np.int64)
     if numbers.shape not in shapes:
         raise CommandError(f"actions must have the shape {shapes[0]}, not {numbers.shape}")
     return numbers
 
 
-def real_numbers(given: Any, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
+def real_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
     """Return actions as float64; they must have one of these shapes. Raises CommandError."""
     try:
-        numbers = np.asarray(given, np.float64)
+        numbers = np.asarray(actions, np.float64)
     except (TypeError, ValueError) as problem:
         raise CommandError(f"actions must be numbers: {problem}") from problem
     if numbers.shape not in shapes:

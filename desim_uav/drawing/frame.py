@@ -49,7 +49,7 @@ LOW = 0.2
 """The share of a battery at and below which it is shown in red."""
 
 
-class Scene(Protocol):
+class FrameScene(Protocol):
     """What a frame shows besides observations; engines and replays of logged episodes have it."""
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -81,30 +81,30 @@ class Painter:
         self.map = self._drawn_map(size)
         self.background = self._drawn_background()
 
-    def frame(self, scene: Scene, shown: Snapshot, title: str) -> NDArray[np.uint8]:
+    def frame(self, scene: FrameScene, snapshot: Snapshot, title: str) -> NDArray[np.uint8]:
         """Return the frame, uint8 (600, 800, 3). ``title`` appears below the scenario's name."""
-        return np.array(self.picture(scene, shown, title))
+        return np.array(self.picture(scene, snapshot, title))
 
-    def picture(self, scene: Scene, shown: Snapshot, title: str) -> Image.Image:
+    def picture(self, scene: FrameScene, snapshot: Snapshot, title: str) -> Image.Image:
         """Return the frame as an image of Pillow's."""
         drones_m, users_m = scene.positions_m()
         states = scene.user_states()
         picture = self.map.copy()
         where = [self._pixel(x, y) for x, y, _ in drones_m.tolist()]
-        for seen, (x, y) in zip(shown.observations, where, strict=True):
-            if seen.mode is Mode.FLYING:
-                radius_px = self.radii_px[self.world.type_numbers[seen.drone]]
-                stick(picture, ring(drone_colour(seen.drone), radius_px), x, y)
+        for observation, (x, y) in zip(snapshot.observations, where, strict=True):
+            if observation.mode is Mode.FLYING:
+                radius_px = self.radii_px[self.world.type_numbers[observation.drone]]
+                stick(picture, ring(drone_colour(observation.drone), radius_px), x, y)
         for state, (x, y, _) in sorted(zip(states, users_m.tolist(), strict=True)):
             stick(picture, _user(state), *self._pixel(x, y))
-        self._draw_drones(picture, shown.observations, where)
+        self._draw_drones(picture, snapshot.observations, where)
         frame = self.background.copy()
         frame.paste(picture, self.corner)
         draw = ImageDraw.Draw(frame)
-        self._write_time(draw, shown, title)
+        self._write_time(draw, snapshot, title)
         self._write_measures(draw, scene)
         self._write_users(draw, Counter(states))
-        self._write_drones(frame, shown.observations, drones_m[:, 2].tolist())
+        self._write_drones(frame, snapshot.observations, drones_m[:, 2].tolist())
         return frame
 
     def _pixel(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -182,13 +182,13 @@ class Painter:
     def _draw_drones(
         self,
         picture: Image.Image,
-        seen: tuple[Observation, ...],
+        observations: tuple[Observation, ...],
         where: list[tuple[float, float]],
     ) -> None:
         """Draw each drone with its number and battery, and with its mode if there is room."""
         draw = ImageDraw.Draw(picture)
         alone, beside = Counter(where), Counter[tuple[float, float]]()
-        for observation, place in zip(seen, where, strict=True):
+        for observation, place in zip(observations, where, strict=True):
             x, y = place[0] + 36 * beside[place], place[1]
             beside[place] += 1
             _draw_drone(picture, draw, observation, x, y)
@@ -196,17 +196,17 @@ class Painter:
                 _label(draw, x, y + 30, observation.mode.name.lower())
             _draw_battery(draw, x - 14, y + 19, 28, observation)
 
-    def _write_time(self, draw: ImageDraw.ImageDraw, shown: Snapshot, title: str) -> None:
+    def _write_time(self, draw: ImageDraw.ImageDraw, snapshot: Snapshot, title: str) -> None:
         """Write the clock and the progress of the episode."""
         draw.text((LEFT, 40), title, GREY, font(12))
-        now_s, end_s = shown.t_us // US, self.world.horizon_us // US
+        now_s, end_s = snapshot.t_us // US, self.world.horizon_us // US
         draw.text((LEFT, 64), _clock(now_s), INK, font(26))
         draw.text((RIGHT, 74), f"of {_clock(end_s)}", GREY, font(14), anchor="ra")
         draw.rectangle((LEFT, 101, RIGHT, 104), fill=PALE)
-        done = LEFT + (RIGHT - LEFT) * shown.t_us / self.world.horizon_us
-        draw.rectangle((LEFT, 101, done, 104), fill=INK)
+        right = LEFT + (RIGHT - LEFT) * snapshot.t_us / self.world.horizon_us
+        draw.rectangle((LEFT, 101, right, 104), fill=INK)
 
-    def _write_measures(self, draw: ImageDraw.ImageDraw, scene: Scene) -> None:
+    def _write_measures(self, draw: ImageDraw.ImageDraw, scene: FrameScene) -> None:
         """Write the quality of experience so far."""
         qoe1, qoe2, qoe3 = scene.measures()
         rows = ((qoe1, "{:.1f} %"), (qoe2, "{:.2f} steps"), (qoe3, "{:.1f} %"))
@@ -219,11 +219,11 @@ class Painter:
             draw.text((RIGHT, 213 + 19 * row), str(count[state]), INK, font(13), anchor="ra")
 
     def _write_drones(
-        self, frame: Image.Image, seen: tuple[Observation, ...], altitudes_m: list[float]
+        self, frame: Image.Image, observations: tuple[Observation, ...], altitudes_m: list[float]
     ) -> None:
         """Write two lines per drone: its number, mode, altitude and users, and its battery."""
         draw = ImageDraw.Draw(frame)
-        for row, observation in enumerate(seen[:LISTED]):
+        for row, observation in enumerate(observations[:LISTED]):
             y = 319 + 30 * row
             words = observation.mode.name.lower()
             if self.world.scenario.three_d and observation.mode in AIRBORNE:
@@ -237,8 +237,8 @@ class Painter:
                 text = f"{observation.attached_users} users"
                 draw.text((RIGHT, y), text, INK, font(13), anchor="ra")
             _draw_battery(draw, LEFT + 26, y + 18, RIGHT - LEFT - 26, observation)
-        if len(seen) > LISTED:
-            text = f"and {len(seen) - LISTED} more"
+        if len(observations) > LISTED:
+            text = f"and {len(observations) - LISTED} more"
             draw.text((LEFT + 26, 319 + 30 * LISTED), text, GREY, font(13))
 
 
@@ -248,24 +248,24 @@ def _user(state: UserState) -> Image.Image:
 
 
 def _draw_drone(
-    picture: Image.Image, draw: ImageDraw.ImageDraw, seen: Observation, x: float, y: float
+    picture: Image.Image, draw: ImageDraw.ImageDraw, observation: Observation, x: float, y: float
 ) -> None:
     """Draw a drone in its colour with its number: filled while it serves, else hollow."""
-    colour, serves = drone_colour(seen.drone), seen.mode is Mode.FLYING
+    colour, serves = drone_colour(observation.drone), observation.mode is Mode.FLYING
     stick(picture, drone(colour, hollow=not serves), x, y)
     ink = ink_on(colour) if serves else INK
-    draw.text((x, y), str(seen.drone), ink, font(12), anchor="mm")
-    if seen.mode is Mode.CRASHED:
+    draw.text((x, y), str(observation.drone), ink, font(12), anchor="mm")
+    if observation.mode is Mode.CRASHED:
         stick(picture, wreck(), x, y)
 
 
 def _draw_battery(
-    draw: ImageDraw.ImageDraw, left: float, top: float, width: float, seen: Observation
+    draw: ImageDraw.ImageDraw, left: float, top: float, width: float, observation: Observation
 ) -> None:
     """A bar of what the battery holds, where it is limited."""
-    if seen.battery_s is None or seen.capacity_s is None:
+    if observation.battery_s is None or observation.capacity_s is None:
         return
-    share = max(0.0, min(1.0, seen.battery_s / seen.capacity_s))
+    share = max(0.0, min(1.0, observation.battery_s / observation.capacity_s))
     colour = INK if share > LOW else RED
     draw.rectangle((left, top, left + width, top + 4), fill=PALE)
     if share > 0.0:

@@ -109,10 +109,10 @@ def station() -> Image.Image:
 @lru_cache(maxsize=8)
 def font(size: int) -> FreeTypeFont | ImageFont.ImageFont:
     """Return Pillow's own font in this size."""
-    found = ImageFont.load_default(size)
-    if isinstance(found, FreeTypeFont):
-        found.getmask2 = lru_cache(maxsize=2048)(found.getmask2)  # type: ignore[method-assign,assignment]
-    return found
+    typeface = ImageFont.load_default(size)
+    if isinstance(typeface, FreeTypeFont):
+        typeface.getmask2 = lru_cache(maxsize=2048)(typeface.getmask2)  # type: ignore[method-assign,assignment]
+    return typeface
 
 
 def _canvas(size: int, fine: int = FINE) -> tuple[Image.Image, ImageDraw.ImageDraw]:

@@ -156,7 +156,7 @@ class Ahead:
             self._begin(lock, worlds())
         return lock is not None and before
 
-    def found(self) -> None:
+    def note_on_disk(self) -> None:
         """Note that the code is on disk."""
         self.tries = 0
 
@@ -171,23 +171,23 @@ class Ahead:
         """Start the process, or give up if the worlds cannot be told to it."""
         self.tries += 1
         try:
-            told = pickle.dumps([(world.scenario, world.seed) for world in worlds])
-            self._start(lock, pickle.dumps(sys.path) + told)
+            pickled = pickle.dumps([(world.scenario, world.seed) for world in worlds])
+            self._start(lock, pickle.dumps(sys.path) + pickled)
         except (OSError, pickle.PicklingError, AttributeError, TypeError):
             lock.file.close()
             self._forget()
             self._give_up()
 
-    def _start(self, lock: Lock, told: bytes) -> None:
+    def _start(self, lock: Lock, pickled: bytes) -> None:
         self.line, its = socket.socketpair()
         with lock.file, its, tempfile.TemporaryFile() as file:
-            file.write(told)
+            file.write(pickled)
             file.seek(0)
             program = [sys.executable, "-c", PROGRAM, str(its.fileno())]
-            passed = (its.fileno(), lock.file.fileno())
+            descriptors = (its.fileno(), lock.file.fileno())
             nowhere = subprocess.DEVNULL
             self.process = subprocess.Popen(
-                program, stdin=file, stdout=nowhere, stderr=nowhere, pass_fds=passed
+                program, stdin=file, stdout=nowhere, stderr=nowhere, pass_fds=descriptors
             )
             lock.name(self.process.pid)
 

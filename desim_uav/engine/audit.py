@@ -54,7 +54,7 @@ def _battery(world: Constants, state: State, drone: Drone) -> None:
     if is_limited(world, drone):
         held_us = battery_now(world, state, drone)
         assert 0 <= held_us <= capacity_of(world, drone), f"battery of {drone.index}"
-        counted = drone.battery_us - held_us - drone.counted
+        counted = drone.charge - held_us - drone.counted
         balance = drone.began - drone.used + drone.gained - counted
         assert held_us == balance, f"battery of {drone.index}: what it used and gained"
         if drone.mode == CRASHED:
@@ -68,9 +68,9 @@ def _energy(simulation: Simulation) -> None:
     """
     drones = simulation.drones
     in_joules = [one for one in drones if simulation.world.type_of(one.index).in_joules]
-    lost = sum(one.began - one.battery_us + one.counted for one in in_joules)
+    losses = sum(one.began - one.charge + one.counted for one in in_joules)
     used, gained = simulation.energy_uj()
-    assert used - gained == lost, "energy of all drones together"
+    assert used - gained == losses, "energy of all drones together"
 
 
 def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
@@ -155,14 +155,14 @@ def _work(world: Constants, state: State, request: Request) -> None:
     first = world.first_stages[request.service]
     stages = world.stages[first : first + request.stages]
     assert 0 <= request.stage < request.stages, "a stage that there is not"
-    passed = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
+    amounts = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
     if request.stages > 1:
         assert request.required == drawn_amount(stages[request.stage], request.drawn, 0) > 0
     assert 0 <= request.done <= request.required, "served more than requested"
     if request.server >= 0:
-        done = request.done + request.rate * (state.now_us - request.counted_us)
-        assert done < request.required + request.rate, "served more than requested"
-    times_us = sum(us for us, one in zip(passed, stages, strict=False) if one.timed)
+        amount = request.done + request.rate * (state.now_us - request.counted_us)
+        assert amount < request.required + request.rate, "served more than requested"
+    times_us = sum(us for us, one in zip(amounts, stages, strict=False) if one.timed)
     times_us += request.done if stages[request.stage].timed else 0
     assert times_us <= request.served_us, "more time is done than served"
     if all(one.timed for one in stages[: request.stage + 1]):
@@ -173,13 +173,13 @@ def _geometry(simulation: Simulation) -> None:
     """Check coverage against distances, and that attached users are covered by their drones."""
     world, state = simulation.constants, simulation.state
     users = all_walked(*simulation.drawn.walks, state.now_us)
-    held = [0] * len(state.senders)
+    users_of = [0] * len(state.senders)
     for user in state.users:
         if user.holder >= 0:
-            held[user.holder] += 1
+            users_of[user.holder] += 1
             assert user.covering[user.holder] >= 0, f"user {user.index} attached but not covered"
     for drone in state.senders:
-        assert held[drone.index] == drone.attached_users
+        assert users_of[drone.index] == drone.attached_users
         covered = np.array([user.covering[drone.index] >= 0 for user in state.users])
         classes = np.array([user.classes[drone.index] for user in state.users])
         assert (covered == (classes > 0)).all(), f"classes and coverage of {drone.index}"
@@ -255,9 +255,11 @@ def _levels(
         if radio.marked:
             ends = (x, y, heights_m[user]), place
             key = simulation.drawn.link_key
-            found = possible_levels_dbm(simulation.world, key, radio, number, user, ends)
+            possible = possible_levels_dbm(simulation.world, key, radio, number, user, ends)
         else:
             away_m, above_m = math.hypot(x - place[0], y - place[1]), place[2] - heights_m[user]
-            found = [radio.power_dbm - radio.path_loss.mean_db(away_m, above_m, radio.carrier_ghz)]
-        levels_dbm.append((min(found), max(found)))
+            possible = [
+                radio.power_dbm - radio.path_loss.mean_db(away_m, above_m, radio.carrier_ghz)
+            ]
+        levels_dbm.append((min(possible), max(possible)))
     return np.array(levels_dbm).T.reshape(2, len(checked))

@@ -25,7 +25,7 @@ difference first has to change its direction, for which drones have to brake."""
 
 
 @dataclass
-class Seen:
+class InstantRecord:
     """What an audit has seen of an episode until ``now_us``.
 
     ``read`` events of the present ``step`` have been read, the last of them in ``phase``.
@@ -51,68 +51,68 @@ class Seen:
     logged: Counter[int] = field(default_factory=Counter)
 
 
-SEEN: WeakKeyDictionary[Simulation, Seen] = WeakKeyDictionary()
+RECORDS: WeakKeyDictionary[Simulation, InstantRecord] = WeakKeyDictionary()
 """What the audit has noted of each simulation so far."""
 
 
 def audit_instant(simulation: Simulation) -> None:
     """Check what has happened since the last event. Raises AssertionError if it must not have."""
     state, log = simulation.state, simulation.log
-    seen = SEEN.get(simulation)
-    if seen is None or seen.log is not log or state.now_us < seen.now_us:
-        seen = SEEN[simulation] = Seen(log, state.now_us == state.step == 0)
-    if state.now_us > seen.now_us:
-        _elapse(seen, state.now_us)
+    record = RECORDS.get(simulation)
+    if record is None or record.log is not log or state.now_us < record.now_us:
+        record = RECORDS[simulation] = InstantRecord(log, state.now_us == state.step == 0)
+    if state.now_us > record.now_us:
+        _elapse(record, state.now_us)
     over = log.duration_us > 0
     if state.keeps_events:
-        _read(simulation, seen)
+        _read(simulation, record)
         if not over:
-            _admission(simulation, seen)
+            _admission(simulation, record)
     if state.keeps_links:
         asking = [user for user in state.users if user.request.number >= 0 and user.covered == 0]
-        seen.without = frozenset((user.index, user.request.number) for user in asking)
-        if over and seen.whole:
-            _totals(state, seen)
+        record.without = frozenset((user.index, user.request.number) for user in asking)
+        if over and record.whole:
+            _totals(state, record)
 
 
-def _elapse(seen: Seen, now_us: int) -> None:
+def _elapse(record: InstantRecord, now_us: int) -> None:
     """Count outages until now, and begin an instant."""
-    seen.outage_us += len(seen.without) * (now_us - seen.now_us)
-    seen.outages += len(seen.without - seen.before)
-    seen.before, seen.now_us = seen.without, now_us
-    seen.attached.clear()
-    seen.served.clear()
+    record.outage_us += len(record.without) * (now_us - record.now_us)
+    record.outages += len(record.without - record.before)
+    record.before, record.now_us = record.without, now_us
+    record.attached.clear()
+    record.served.clear()
 
 
-def _read(simulation: Simulation, seen: Seen) -> None:
+def _read(simulation: Simulation, record: InstantRecord) -> None:
     """Read new events, and check that users change their drones once in a phase, for a reason."""
     state = simulation.state
-    if seen.step != state.step and simulation.log.duration_us == 0:
-        seen.step, seen.read = state.step, 0
-    for event in state.events[seen.read :]:
+    if record.step != state.step and simulation.log.duration_us == 0:
+        record.step, record.read = state.step, 0
+    for event in state.events[record.read :]:
         if event.kind == ON_LEG:
             continue
-        if event.t_us == state.now_us and event.phase != seen.phase:
-            seen.phase = event.phase
-            seen.served.clear()
+        if event.t_us == state.now_us and event.phase != record.phase:
+            record.phase = event.phase
+            record.served.clear()
         if event.kind == ON_ATTACH:
-            seen.attached[event.phase, event.user] += 1
-            once = seen.attached[event.phase, event.user] == 1
+            record.attached[event.phase, event.user] += 1
+            once = record.attached[event.phase, event.user] == 1
             assert once, f"user {event.user} is attached twice in phase {event.phase}"
         elif event.kind == ON_SERVE:
-            seen.served.add((event.drone, event.user))
+            record.served.add((event.drone, event.user))
         elif event.kind == ON_HANDOVER:
-            _handover(simulation, seen, event.user, event.drone)
+            _handover(simulation, record, event.user, event.drone)
         else:
-            seen.logged[event.kind] += 1
-    seen.read = len(state.events)
+            record.logged[event.kind] += 1
+    record.read = len(state.events)
 
 
-def _handover(simulation: Simulation, seen: Seen, number: int, drone: int) -> None:
+def _handover(simulation: Simulation, record: InstantRecord, number: int, drone: int) -> None:
     """Check that a user is not handed back at once by levels that rounding has made different."""
     state, user = simulation.state, simulation.state.users[number]
-    at_us, came_from, left = seen.handed.get(number, (-BACK_US, -1, -1))
-    seen.handed[number] = state.now_us, user.left, drone
+    at_us, came_from, left = record.handed.get(number, (-BACK_US, -1, -1))
+    record.handed[number] = state.now_us, user.left, drone
     radios = [links.radio for links in simulation.world.links]
     steady = state.by_level and not any(radio.graded and radio.marked for radio in radios)
     back = (came_from, left) == (drone, user.left) and user.covering[left] >= 0
@@ -121,15 +121,15 @@ def _handover(simulation: Simulation, seen: Seen, number: int, drone: int) -> No
         assert not 0 < lasted_us < BACK_US, f"user {number} is handed back after {lasted_us} µs"
 
 
-def _admission(simulation: Simulation, seen: Seen) -> None:
+def _admission(simulation: Simulation, record: InstantRecord) -> None:
     """Check that no user who would have fitted waits behind one served now who asked later."""
     state, users = simulation.state, simulation.state.users
     fleet = simulation.world.scenario.fleet
     if state.to_scan or not all(isinstance(drones.admission, FirstCome) for drones in fleet):
         return
-    for number in {drone for drone, _ in seen.served}:
+    for number in {drone for drone, _ in record.served}:
         drone = state.senders[number]
-        new = [users[user].request for d, user in seen.served if d == number]
+        new = [users[user].request for d, user in record.served if d == number]
         new = [one for one in new if one.server == number and one.started_us == state.now_us]
         for user in drone.waiting:
             request = users[user].request
@@ -144,10 +144,10 @@ def _place(request: Request) -> tuple[int, int]:
     return request.t_request_us, request.user
 
 
-def _totals(state: State, seen: Seen) -> None:
+def _totals(state: State, record: InstantRecord) -> None:
     """Check the counts of outages, and the events of them, at the end of an episode."""
-    found, counted = (seen.outages, seen.outage_us), (state.outages, state.outage_us)
-    assert found == counted, f"outages and their time: {found}, counted as {counted}"
+    observed, counted = (record.outages, record.outage_us), (state.outages, state.outage_us)
+    assert observed == counted, f"outages and their time: {observed}, counted as {counted}"
     if state.keeps_events:
-        logged = seen.logged[ON_OUTAGE], seen.logged[ON_OUTAGE_END]
+        logged = record.logged[ON_OUTAGE], record.logged[ON_OUTAGE_END]
         assert logged == (state.outages,) * 2, f"{state.outages} outages, logged as {logged}"

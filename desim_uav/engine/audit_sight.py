@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.world import World
 
-Place = tuple[float, float, float]
+Position = tuple[float, float, float]
 
 TOUCH_M = 1e-4
 """How far from a wall, a roof or the border of a cell nothing is known for certain. A link whose
@@ -43,10 +43,10 @@ def draws_of(
 
     Only if the episode is imagined, its key is longer and the number of ``users`` matters.
     """
-    draws = _drawn(key[:2], radio, transmitter, user, cell)
+    draws = _draws_of(key[:2], radio, transmitter, user, cell)
     if len(key) == 2:
         return draws
-    new = _drawn(key[2:4], radio, transmitter, user, cell)
+    new = _draws_of(key[2:4], radio, transmitter, user, cell)
     transmitters = (len(key) - 4) // (1 + users)
     cells = np.array(key[4 : 4 + transmitters]).view(np.int64)
     if cells[transmitter] != cell:
@@ -58,7 +58,7 @@ def draws_of(
     return Draws(1.0 - (1.0 - chance) * (1.0 - new.uniform), new.los_db, draws.nlos_db)
 
 
-def _drawn(
+def _draws_of(
     key: NDArray[np.uint64], radio: LinkClasses, transmitter: int, user: int, cell: int
 ) -> Draws:
     """Return the draws of a link under a key of two words."""
@@ -77,7 +77,7 @@ def possible_levels_dbm(
     radio: LinkClasses,
     transmitter: int,
     user: int,
-    ends: tuple[Place, Place],
+    ends: tuple[Position, Position],
 ) -> list[float]:
     """Return the levels that a link may have: one, or several where that is not certain.
 
@@ -85,14 +85,14 @@ def possible_levels_dbm(
     """
     (ux, uy, uz), (x, y, z) = ends
     apart = math.hypot(x - ux, y - uy), z - uz
-    found = []
+    levels_dbm = []
     for cell in _cells(world, x, y):
         draws = draws_of(key, radio, transmitter, user, cell, len(world.homes))
         for clear in _clear(world, radio, draws.uniform, ends):
             loss = radio.path_loss.los_db if clear else radio.path_loss.nlos_db
             extra_db = draws.los_db if clear else draws.nlos_db
-            found.append(radio.power_dbm - loss(*apart, radio.carrier_ghz) - extra_db)
-    return found
+            levels_dbm.append(radio.power_dbm - loss(*apart, radio.carrier_ghz) - extra_db)
+    return levels_dbm
 
 
 def _cells(world: World, x: float, y: float) -> list[int]:
@@ -114,7 +114,7 @@ def _inside(at: float, index: int, side_m: float, count: int) -> bool:
 
 
 def _clear(
-    world: World, radio: LinkClasses, uniform: float, ends: tuple[Place, Place]
+    world: World, radio: LinkClasses, uniform: float, ends: tuple[Position, Position]
 ) -> list[bool]:
     """Return whether a user sees a transmitter: one answer, or both where it is not certain."""
     if radio.line_of_sight == "buildings":
@@ -126,11 +126,13 @@ def _clear(
     (ux, uy, uz), (x, y, z) = ends
     elevation = math.degrees(math.atan2(z - uz, math.hypot(x - ux, y - uy)))
     turn = max(1e-5, math.degrees(TOUCH_M / max(math.dist(*ends), TOUCH_M)))
-    seen = [uniform < radio.path_loss.p_los(elevation + by) for by in (-turn, turn)]
-    return list(dict.fromkeys(seen))
+    answers = [uniform < radio.path_loss.p_los(elevation + by) for by in (-turn, turn)]
+    return list(dict.fromkeys(answers))
 
 
-def _cut_m(world: World, cell: tuple[int, ...], roof_m: float, ends: tuple[Place, Place]) -> float:
+def _cut_m(
+    world: World, cell: tuple[int, ...], roof_m: float, ends: tuple[Position, Position]
+) -> float:
     """Return by how much a line could be moved until a building no longer cuts it, about, in m.
 
     It is below 0 if the line passes the building, and then it is minus the distance.

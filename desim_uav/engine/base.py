@@ -54,8 +54,8 @@ class Step(named(Record)):  # type: ignore[misc]  # its fields are declared in R
     """The record of one drone at the end of one step (see ``rules.rows.Record``).
 
     ``mode`` is a Mode, and ``action`` and ``action_taken`` are Actions; ``action`` is None if there
-    was none. ``battery_us`` and ``return_us`` are None without a battery, and ``return_us`` is inf
-    if there is no way back.
+    was none. ``charge`` and ``return_drain`` are None without a battery, and ``return_drain`` is
+    inf if there is no way back.
     """
 
     __slots__ = ()
@@ -67,7 +67,7 @@ class PointStep(named(PointRecord)):  # type: ignore[misc]  # its fields are tho
     __slots__ = ()
 
 
-Place = tuple[float, float, float]
+Position = tuple[float, float, float]
 """A position: x, y and z in metres."""
 
 
@@ -83,8 +83,8 @@ class FlownLeg(NamedTuple):
     drone: int
     duration_us: int
     mode: Mode
-    from_m: Place
-    to_m: Place
+    from_m: Position
+    to_m: Position
 
 
 class LinkCounts(NamedTuple):
@@ -190,7 +190,7 @@ class FreeCarried(NamedTuple):
 class CarriedDrone(NamedTuple):
     """The state of a drone between two episodes.
 
-    Its present leg or mode began ``age_us`` microseconds ago at ``node``, with ``battery_us``.
+    Its present leg or mode began ``age_us`` microseconds ago at ``node``, with ``charge``.
     ``hop`` is its present hop if it returns, and ``route`` the hops after that; ``counted_m`` of
     the hop are already part of a log's distance. ``place`` is the number of drones before it in its
     station's queue, including those on pads. ``fallen_m`` is the position of a crashed drone. A
@@ -201,7 +201,7 @@ class CarriedDrone(NamedTuple):
 
     mode: Mode
     node: Node
-    battery_us: int
+    charge: int
     age_us: int
     hop: Node | None
     route: tuple[Node, ...]

@@ -8,7 +8,7 @@ from typing import Any
 
 from desim_uav.engine import base
 from desim_uav.engine.constants import hop_transit
-from desim_uav.engine.free import carried_course, load_course
+from desim_uav.engine.courses import carried_course, load_course
 from desim_uav.engine.restorable import Restorable
 from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import IN_QUEUE, TIMED, Mode
@@ -92,7 +92,7 @@ class CarryOver(Restorable):
                 base.CarriedDrone(
                     MODES[drone.mode],
                     (drone.x, drone.y, drone.level),
-                    drone.battery_us,
+                    drone.charge,
                     now_us - drone.since_us,
                     hop if drone.hopping or moves else None,
                     tuple(self.hops(drone.route, drone.route_end)),
@@ -111,7 +111,7 @@ class CarryOver(Restorable):
         self.start_afresh()
         landed: list[list[tuple[int, int]]] = [[] for _ in self.world.stations]
         for drone, one in zip(self.drones, carried or (), strict=False):
-            drone.mode, drone.battery_us = int(one.mode), one.battery_us
+            drone.mode, drone.charge = int(one.mode), one.charge
             drone.since_us, drone.until_us, drone.taken = -one.age_us, one.rest_us, one.taken
             drone.x, drone.y, drone.level = one.node
             drone.to_x, drone.to_y, drone.to_level = one.node

@@ -33,12 +33,12 @@ SLOWER = "the SimPy engine (des) is used, which is slower: "
 def make_engine(name: str, world: World, settings: RunSettings) -> Engine:
     """Return a new engine of this name. Raises the errors of ``check_engine``."""
     check_engine(name, world, settings.keep_events)
-    chosen = name if name != "auto" else first_of(world, settings.keep_events)
-    if chosen == "auto":
-        found = on_disk([world], settings)
-        if found is not None:
-            return found
-    if chosen == "batch":
+    kind = name if name != "auto" else first_of(world, settings.keep_events)
+    if kind == "auto":
+        engine = on_disk([world], settings)
+        if engine is not None:
+            return engine
+    if kind == "batch":
         from desim_uav.engine.compiled import BatchSimulation
 
         return BatchSimulation(world, settings)
@@ -88,11 +88,11 @@ def faster(name: str, engine: Engine) -> Engine:
     It is another one if ``name`` is auto, ``engine`` is the SimPy engine, and the machine code of
     the compiled engine has come to disk. Drones are carried over as they would be in ``engine``.
     """
-    found = None if name != "auto" else instead_of(engine)
-    if found is None:
+    successor = None if name != "auto" else instead_of(engine)
+    if successor is None:
         return engine
-    found.carry(engine.carried())
-    return found
+    successor.carry(engine.carried())
+    return successor
 
 
 def instead_of(
@@ -178,5 +178,5 @@ def on_disk(worlds: Sequence[World], settings: RunSettings) -> BatchSimulation |
         if not missing.keeps:
             _SIMPY_ONLY.update(worlds)
         return None
-    AHEAD.found()
+    AHEAD.note_on_disk()
     return engines[0]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.engine.free import space_row
+from desim_uav.engine.courses import space_row
 from desim_uav.links import Links
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
@@ -17,13 +17,13 @@ from desim_uav.model.services import StageRow
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules.rows import (
-    Cell,
+    CellRow,
     Constants,
     Move,
-    Piece,
+    PieceRow,
     Place,
-    Point,
-    Radio,
+    PointRow,
+    RadioRow,
     SpaceRow,
     TransitRow,
     TypeRow,
@@ -61,8 +61,8 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     for index, cell in enumerate(world.stations):
         station_at[cell] = index
     constants.station_at = Table(station_at.reshape(-1).tolist())
-    constants.stations = Table(fill(Cell, cell) for cell in world.stations)
-    constants.starts = Table(fill(Cell, cell) for cell in world.starts)
+    constants.stations = Table(fill(CellRow, cell) for cell in world.stations)
+    constants.starts = Table(fill(CellRow, cell) for cell in world.starts)
     constants.ceilings = Table(map(int, settings.ceilings))
     constants.homes = Table(fill(Place, home) for home in world.homes[:, :2].tolist())
     constants.expected_requests = expected_requests(scenario)
@@ -77,14 +77,14 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
 
 def _type(world: World, number: int) -> TypeRow:
     """Return a type of drones as a row, without its functions."""
-    made, own, places = blank(TypeRow), world.types[number], math.prod(world.grid.blocked.shape)
-    made.limited = int(own.limited)
-    made.capacity_us, made.return_below_us = own.capacity_us, own.return_below_us
-    made.full_us, made.per_second = own.full_us, own.per_second
-    made.respawn_after_us, made.on_crash = own.respawn_after_us, CRASHES[own.on_crash]
-    made.first_transit = _first_transit(world, number)
-    made.first_plan = 2 * places * world.planner_number(number)
-    return made
+    row, own, places = blank(TypeRow), world.types[number], math.prod(world.grid.blocked.shape)
+    row.limited = int(own.limited)
+    row.capacity, row.return_charge = own.capacity, own.return_charge
+    row.full, row.drain_per_s = own.full, own.drain_per_s
+    row.respawn_after_us, row.on_crash = own.respawn_after_us, CRASHES[own.on_crash]
+    row.first_transit = _first_transit(world, number)
+    row.first_plan = 2 * places * world.planner_number(number)
+    return row
 
 
 def _first_transit(world: World, number: int) -> int:
@@ -113,30 +113,30 @@ def _first_hop(world: World) -> int:
     return 1 + len(world.epoch_moves)
 
 
-def _set_links(made: Constants, world: World) -> None:
+def _set_links(constants: Constants, world: World) -> None:
     """Set the links of drones and access points, and what requests ask for, of the constants."""
     scenario, association = world.scenario, world.scenario.association
-    made.reuse = world.links[0].radio.reuse
-    made.trigger_us, made.margin_db = association.trigger_us, association.margin_db
+    constants.reuse = world.links[0].radio.reuse
+    constants.trigger_us, constants.margin_db = association.trigger_us, association.margin_db
     points = scenario.access_points
-    made.sharers = scenario.drone_count + sum(point.counts_in_reward for point in points)
-    made.points = Table(fill(Point, (*point.at_m, point.height_m)) for point in points)
-    made.radios = Table(map(_radio, world.links))
-    made.draws = world.services.draws
-    made.first_stages = Table(world.services.first_stages)
-    made.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)
+    constants.sharers = scenario.drone_count + sum(point.counts_in_reward for point in points)
+    constants.points = Table(fill(PointRow, (*point.at_m, point.height_m)) for point in points)
+    constants.radios = Table(map(_radio, world.links))
+    constants.draws = world.services.draws
+    constants.first_stages = Table(world.services.first_stages)
+    constants.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)
 
 
-def _radio(links: Links) -> Radio:
+def _radio(links: Links) -> RadioRow:
     """Return a radio as a row, without its functions."""
-    made, radio = blank(Radio), links.radio
-    made.bandwidth_hz = whole_hz(links.bandwidth_hz)
-    made.classes = len(links.efficiencies) - 1
-    made.flat = int(radio.flat)
-    made.efficiencies = Table(links.efficiencies)
+    row, radio = blank(RadioRow), links.radio
+    row.bandwidth_hz = whole_hz(links.bandwidth_hz)
+    row.classes = len(links.efficiencies) - 1
+    row.flat = int(radio.flat)
+    row.efficiencies = Table(links.efficiencies)
     if radio.graded:
-        made.marked = int(radio.marked)
-    return made
+        row.marked = int(radio.marked)
+    return row
 
 
 def whole_hz(bandwidth_hz: float) -> int:
@@ -144,22 +144,22 @@ def whole_hz(bandwidth_hz: float) -> int:
     return -1 if math.isinf(bandwidth_hz) else int(bandwidth_hz)
 
 
-def _set_flights(made: Constants, world: World) -> None:
+def _set_flights(constants: Constants, world: World) -> None:
     """Set the actions and the transits of the constants."""
     by_action = {action: 1 + k for k, action in enumerate(world.epoch_moves)}
-    made.moves = Table(
+    constants.moves = Table(
         fill(Move, (int(action), *move_of(action), by_action.get(action, 0)))
         for action in world.actions
     )
-    made.first_hop = _first_hop(world)
-    made.transits = Table(map(transit_row, transits_of(world)))
+    constants.first_hop = _first_hop(world)
+    constants.transits = Table(map(transit_row, transits_of(world)))
 
 
 def transit_row(transit: Transit) -> TransitRow:
     """Return a transit as a row."""
-    pieces = Table(fill(Piece, piece) for piece in transit.profile.tolist())
-    _, *told = transit
-    return fill(TransitRow, (*told, pieces))
+    pieces = Table(fill(PieceRow, piece) for piece in transit.profile.tolist())
+    _, *values = transit
+    return fill(TransitRow, (*values, pieces))
 
 
 def term_names(world: World) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from desim_uav.engine import base
 from desim_uav.engine.carry import MODES, CarryOver
 from desim_uav.engine.constants import term_names
-from desim_uav.engine.free import flown_leg
+from desim_uav.engine.courses import flown_leg
 from desim_uav.errors import SimulationError
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.rules import US, Mode, Outcome, Phase
@@ -22,7 +22,7 @@ from desim_uav.model.state import Observation, Snapshot, observation_of, snapsho
 from desim_uav.rules import requests, wide
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
-from desim_uav.rules.rows import Closed, Event
+from desim_uav.rules.rows import Closed, EventRow
 from desim_uav.rules.whole_state import names_of, write_state
 from desim_uav.rules.words import (
     EVENT_KINDS,
@@ -104,9 +104,9 @@ class Engine(CarryOver):
         if len(commands) != len(self.drones):
             raise ValueError(f"{len(commands)} commands for {len(self.drones)} drones")
         self.latest = None  # which it stays if the step fails
-        known = self.world.commands
+        of_world = self.world.commands
         for d, (drone, command) in enumerate(zip(self.drones, commands, strict=True)):
-            known.of(d).give(drone, command)
+            of_world.of(d).give(drone, command)
 
     def check_components(self) -> None:
         """Raise SimulationError if the reward or the admission rule has broken its contract."""
@@ -140,7 +140,7 @@ class Engine(CarryOver):
             station = duration_s = drained_s = None
             number = world.type_numbers[index]
             facts = world.facts_of_types[number]
-            capacity_s, per_second = facts.capacity_s, world.types[number].per_second
+            capacity_s, drain_per_s = facts.capacity_s, world.types[number].drain_per_s
             if capacity_s is not None:
                 drained_s = math.inf
                 if world.types[number].free:
@@ -149,7 +149,7 @@ class Engine(CarryOver):
                     plan = self.plan(first_plans[number] + ceiling * places + row.believed)
                 if plan.station >= 0:
                     station, duration_s = plan.station, plan.duration_us / US
-                    drained_s = plan.drained_us / per_second
+                    drained_s = plan.drain / drain_per_s
             observations.append(
                 observation_of(
                     (
@@ -159,7 +159,7 @@ class Engine(CarryOver):
                         (row.x, row.y),
                         row.level,
                         MODES[row.mode],
-                        None if capacity_s is None else row.battery_us / per_second,
+                        None if capacity_s is None else row.charge / drain_per_s,
                         capacity_s,
                         drained_s,
                         row.attached_users,
@@ -234,7 +234,7 @@ class Engine(CarryOver):
         if state.terminated or state.truncated:
             self._end_log()
 
-    def _leg(self, event: Event) -> base.FlownLeg:
+    def _leg(self, event: EventRow) -> base.FlownLeg:
         """Return the leg that an event of kind ON_LEG describes."""
         mode, drone = MODES[event.phase], event.drone
         if mode is Mode.CRASHED:
@@ -244,7 +244,7 @@ class Engine(CarryOver):
         ends_m = self._place_m(event.user), self._place_m(event.request)
         return base.FlownLeg(event.t_us, drone, event.station, mode, *ends_m)
 
-    def _place_m(self, place: int) -> base.Place:
+    def _place_m(self, place: int) -> base.Position:
         """Return the position of a place, by its number."""
         grid = self.world.grid
         column, y = divmod(place, grid.cells[1])
@@ -269,7 +269,7 @@ class Engine(CarryOver):
         """Log the records, with drones' modes and actions in the place of their numbers."""
         actions, world = self.world.actions, self.world
         for record in self.entries("records"):
-            return_us = math.inf if record.return_us == NEVER else record.return_us
+            return_drain = math.inf if record.return_drain == NEVER else record.return_drain
             limited = world.type_of(record.drone).limited
             step = base.Step(*AS_LOGGED(record))
             self.log.steps.append(
@@ -277,8 +277,8 @@ class Engine(CarryOver):
                     mode=MODES[record.mode],
                     action=None if record.action < 0 else actions[record.action],
                     action_taken=actions[record.action_taken],
-                    battery_us=record.battery_us if limited else None,
-                    return_us=return_us if limited else None,
+                    charge=record.charge if limited else None,
+                    return_drain=return_drain if limited else None,
                 )
             )
         for record in self.entries("point_records"):
@@ -326,7 +326,7 @@ class Engine(CarryOver):
         """Return the number of requests made in the episode so far, including open ones."""
         return int(self.state.opened)
 
-    def position_m(self, drone: int) -> base.Place:
+    def position_m(self, drone: int) -> base.Position:
         """Return the true position of a drone now, in metres."""
         return position(self.constants, self.state, self.drones[drone])
 

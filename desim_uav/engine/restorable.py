@@ -78,7 +78,7 @@ class Restorable(Independent, ABC):
         SimulationError if no episode has begun, and after a step that has failed.
         """
         self.require_epoch("save")
-        before, kept = self._keep()
+        before, memory = self._keep()
         log = copied(self.log, self.settings)
         log.crashed[:] = self.entries("crashed")  # which a kernel may not have added yet
         return SavedState(
@@ -86,7 +86,7 @@ class Restorable(Independent, ABC):
             self.settings,
             self.drawn,
             before,
-            kept,
+            memory,
             log,
             tuple((number, tuple(drones)) for number, drones in self._served_by.items()),
             self.named_terms(),

@@ -106,8 +106,8 @@ class SavedState(Unchanging):
     def commands(self) -> list[list[int]]:
         """The commands of all steps so far, one per drone; -1 is none of the actions."""
         state, drones = self.rows.state, self.world.scenario.drone_count
-        told = state.history[: state.step * drones]
-        return [list(told[k : k + drones]) for k in range(0, len(told), drones)]
+        history = state.history[: state.step * drones]
+        return [list(history[k : k + drones]) for k in range(0, len(history), drones)]
 
     @property
     def numbers(self) -> NDArray[np.float64] | None:
@@ -116,8 +116,8 @@ class SavedState(Unchanging):
 
     def _aims(self, state: Any) -> tuple[float, ...]:
         """Return the part of ``State.aims`` that the commands so far have written."""
-        told: tuple[float, ...] = state.aims[: AIMS * state.step * self.world.scenario.drone_count]
-        return told
+        aims: tuple[float, ...] = state.aims[: AIMS * state.step * self.world.scenario.drone_count]
+        return aims
 
     def digest(self) -> str:
         """Return the SHA-256 of what a state says of its episode.
@@ -125,10 +125,10 @@ class SavedState(Unchanging):
         It is the same for both kinds of engine, whatever they have run before this episode.
         """
         state, *others = self.rows
-        told = [self.commands, _told(state._replace(aims=self._aims(state))), *others]
+        content = [self.commands, _content_of(state._replace(aims=self._aims(state))), *others]
         if self.world.free:
-            told.append([one.course[:PLACES] for one in state.senders if one.off_grid])
-        return hashlib.sha256(repr(tuple(told)).encode()).hexdigest()
+            content.append([one.course[:PLACES] for one in state.senders if one.off_grid])
+        return hashlib.sha256(repr(tuple(content)).encode()).hexdigest()
 
     def check(self, world: World, settings: RunSettings) -> None:
         """Raise StateError if an engine of this world and these settings cannot go on."""
@@ -209,17 +209,17 @@ def _read(value: Any, kind: Any) -> Any:
     return tuple(value.tolist() if isinstance(value, np.ndarray) else map(of, value))
 
 
-def _told(values: object) -> Any:
+def _content_of(values: object) -> Any:
     """Return values without the fields that may be left from an earlier episode."""
     if not isinstance(values, tuple):
         return values
     names = getattr(values, "_fields", None)
     if names is None:
-        return [_told(each) for each in values]
+        return [_content_of(each) for each in values]
     if getattr(values, "number", 0) < 0:  # a user has no request
         return None
-    named = zip(names, values, strict=True)
-    return [_told(value) for name, value in named if name not in NOT_TOLD]
+    fields = zip(names, values, strict=True)
+    return [_content_of(value) for name, value in fields if name not in NOT_TOLD]
 
 
 def write(one: Row | View, cls: Any, values: Sequence[Any]) -> None:
@@ -235,11 +235,11 @@ def write(one: Row | View, cls: Any, values: Sequence[Any]) -> None:
 
 def _write_entries(one: Any, name: str, kind: Any, values: Sequence[Any]) -> None:
     """Write the entries of a table or a queue."""
-    held, of = getattr(one, name), held_by(kind)
+    entries, of = getattr(one, name), held_by(kind)
     if origin_of(kind) is Table and is_row(of):
-        for each, value in zip(held, values, strict=True):
+        for each, value in zip(entries, values, strict=True):
             write(each, of, value)
-    elif origin_of(kind) is Table or isinstance(held, Queue):
-        held[:] = values
+    elif origin_of(kind) is Table or isinstance(entries, Queue):
+        entries[:] = values
     else:
         setattr(one, name, values)

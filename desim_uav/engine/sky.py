@@ -21,7 +21,7 @@ from desim_uav.model.radio.tracks import TrackRow
 from desim_uav.rowcode.rows import Table, blank, has_tables, held_by, is_row, origin_of
 from desim_uav.rowcode.views import in_memory, zeros
 from desim_uav.sky.links import MOST_PASSED
-from desim_uav.sky.rows import Change, Leg, Piece, Propagation, Scene, Sky, Turn
+from desim_uav.sky.rows import Change, LegRow, PieceRow, Propagation, Scene, Sky, Turn
 from desim_uav.sky.separation import most_turns
 from desim_uav.world import World
 
@@ -61,26 +61,26 @@ def scene_of(world: World) -> Scene:
         scene.corners, scene.corners_at = buildings.corners, buildings.offsets
         scene.roofs_m, scene.tallest_m = buildings.roofs_m, buildings.tallest_m
         scene.built_at, scene.built = buildings.heads, buildings.members
-    made: Scene = scene
-    return made
+    typed_scene: Scene = scene
+    return typed_scene
 
 
 def _propagation(links: Links, lowest: int, world: World) -> Propagation:
     """Return how the signals of a radio are received, without the functions of its path loss."""
-    made, radio, fits = blank(Propagation), links.radio, _fits_between(world, links)
-    made.classes, made.levels, made.lowest = len(links.efficiencies) - 1, len(links.rings_m), lowest
-    made.radii_m = Table(links.rings_m.reshape(-1).tolist())
-    made.slabs = fits.terms.shape[3]
-    made.terms = Table(fits.terms.reshape(-1).tolist())
-    made.ranges = Table(fits.ranges.reshape(-1).tolist())
-    made.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
+    row, radio, fits = blank(Propagation), links.radio, _fits_between(world, links)
+    row.classes, row.levels, row.lowest = len(links.efficiencies) - 1, len(links.rings_m), lowest
+    row.radii_m = Table(links.rings_m.reshape(-1).tolist())
+    row.slabs = fits.terms.shape[3]
+    row.terms = Table(fits.terms.reshape(-1).tolist())
+    row.ranges = Table(fits.ranges.reshape(-1).tolist())
+    row.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
     if radio.graded:
-        made.sight = KINDS[radio.sight]
-        made.carrier_ghz, made.power_dbm = radio.carrier_ghz, radio.power_dbm
-        made.noise_dbm = radio.budget.noise_dbm
+        row.sight = KINDS[radio.sight]
+        row.carrier_ghz, row.power_dbm = radio.carrier_ghz, radio.power_dbm
+        row.noise_dbm = radio.budget.noise_dbm
         if radio.shadowing is not None:
-            made.los_shadow_db, made.nlos_shadow_db = map(float, radio.shadowing)
-    return made
+            row.los_shadow_db, row.nlos_shadow_db = map(float, radio.shadowing)
+    return row
 
 
 def _fits_between(world: World, links: Links) -> Fits:
@@ -126,8 +126,8 @@ def sky_of(world: World, room: Room) -> Sky:
         _set_air(sky, world)
     if world.marked:
         _set_marks(sky, world, room)
-    made: Sky = sky
-    return made
+    typed_sky: Sky = sky
+    return typed_sky
 
 
 def _senders(world: World) -> int:
@@ -140,12 +140,12 @@ def _interferes(world: World) -> bool:
     return bool(world.links[0].radio.reuse > 0)
 
 
-def _leg(world: World, sender: int) -> Leg:
+def _leg(world: World, sender: int) -> LegRow:
     """Return a leg of a sender, with memory for pieces of its own in free flight."""
-    leg = blank(Leg)
+    leg = blank(LegRow)
     leg.band = sender % world.links[0].radio.reuse if _interferes(world) else sender
     if sender < world.scenario.drone_count and world.type_of(sender).free:
-        leg.pieces = Table(blank(Piece) for _ in range(TRAPEZOID))
+        leg.pieces = Table(blank(PieceRow) for _ in range(TRAPEZOID))
     return leg
 
 
@@ -160,8 +160,8 @@ def _windows(world: World) -> NDArray[Any]:
     longest = max(len(transit.profile) for transit in transits_of(world))
     fits = [_fits_between(world, links) for links in world.links[: len(world.types)]]
     slabs = max(each.terms.shape[3] for each in fits)
-    made: NDArray[Any] = zeros(Window, window_rows(slabs, longest))
-    return made
+    windows: NDArray[Any] = zeros(Window, window_rows(slabs, longest))
+    return windows
 
 
 def _set_air(sky: Any, world: World) -> None:
@@ -185,26 +185,26 @@ def _set_marks(sky: Any, world: World, room: Room) -> None:
     air.marks = zeros(Mark, senders * room.marks)
     air.marks_at = np.zeros(senders * (len(world.homes) + 1), np.int64)
     buildings, cells = buildings_of(world), world.grid.cells
-    made = memory_for(most_pieces(world), room.legs, cells, buildings, room.stretches)
-    making.tracks, making.borders_s = made.tracks, made.borders_s
-    making.visits, making.turns = made.visits, made.turns
-    making.times_s, making.blocked, making.visited = made.buffers
+    memory = memory_for(most_pieces(world), room.legs, cells, buildings, room.stretches)
+    making.tracks, making.borders_s = memory.tracks, memory.borders_s
+    making.visits, making.turns = memory.visits, memory.turns
+    making.times_s, making.blocked, making.visited = memory.buffers
 
 
 def enlarged(sky: Sky, world: World, room: Room) -> Sky:
     """Return a sky in memory with more room (see ``sky_of``), and all that the old one knows."""
-    made, had, rows = in_memory(sky_of(world, room)), sky.mark_rows, room.marks
-    _copy(sky, made, Sky)
+    larger, had, rows = in_memory(sky_of(world, room)), sky.mark_rows, room.marks
+    _copy(sky, larger, Sky)
     if world.marked:
-        made.mark_rows = rows
+        larger.mark_rows = rows
         old: Any = sky.air.marks
-        marks: Any = made.air.marks
+        marks: Any = larger.air.marks
         marks.array[:] = 0
         marks.array.reshape(-1, rows)[:, :had] = old.array.reshape(-1, had)
-        begins: Any = made.air.marks_at
+        begins: Any = larger.air.marks_at
         moved = np.arange(len(sky.legs)) * (rows - had)
         begins[:] += np.repeat(moved, len(begins) // len(moved))
-    return made
+    return larger
 
 
 def _copy(one: Any, other: Any, kind: Any) -> None:

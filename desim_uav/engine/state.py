@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.constants import term_names
-from desim_uav.engine.free import set_course, set_memory
+from desim_uav.engine.courses import set_course, set_memory
 from desim_uav.engine.sky import most_pieces
 from desim_uav.rowcode.rows import Queue, Table, blank
 from desim_uav.rules import rows, words
@@ -58,7 +58,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.renews = int(world.by_event and len(scenario.access_points) > 0)
     state.unsettled.buffer = users
     state.open_requests, state.asked = _zeros(services), _zeros(services)
-    state.observations = Table(blank(rows.Observation) for _ in range(drones))
+    state.observations = Table(blank(rows.ObservationRow) for _ in range(drones))
     state.records = Table(blank(rows.Record) for _ in range(drones))
     state.point_records = Table(blank(rows.PointRecord) for _ in range(senders - drones))
     state.counts = _zeros(2 * services * drones)
@@ -70,7 +70,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.crashed.buffer = drones * (epochs + 2)
     state.history = _zeros(epochs * drones)
     set_memory(state, world, buffers.log * settings.keep_events)
-    state.events = Queue(of=rows.Event, buffer=buffers.log * settings.keep_events)
+    state.events = Queue(of=rows.EventRow, buffer=buffers.log * settings.keep_events)
     state.closed = Queue(of=rows.Closed, buffer=buffers.log * settings.keep_steps)
     state.handovers = Queue(of=rows.Handover, buffer=2 * buffers.log * settings.keep_steps)
     return state

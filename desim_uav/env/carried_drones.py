@@ -7,7 +7,7 @@ from typing import Any
 
 from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import Carried, CarriedDrone
-from desim_uav.env import carried_free
+from desim_uav.env import carried_courses
 from desim_uav.env.untrusted import HIGHEST, listed, number, whole
 from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import GROUNDED, TIMED, Mode, move_of
@@ -17,7 +17,7 @@ from desim_uav.world import World
 def plain(drones: Carried | None) -> Any:
     """Return the states of drones as data that JSON has, which ``checked`` reads."""
     return drones and [
-        one if one.free is None else [*one[:9], carried_free.plain(one, one.free), *one[10:]]
+        one if one.free is None else [*one[:9], carried_courses.plain(one, one.free), *one[10:]]
         for one in drones
     ]
 
@@ -39,14 +39,14 @@ def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDr
         raise ValueError("a drone has a leg of free flight, or it flies freely and has none")
     if len(value) in (10, 12):
         value = value[:9]
-    mode, node, battery_us, age_us, hop, route, counted_m, place, fallen_m = listed(value, 9)
+    mode, node, charge, age_us, hop, route, counted_m, place, fallen_m = listed(value, 9)
     returns = mode == Mode.RETURNING  # what another drone has of a route is left from before
     on_hop = returns or (mode == Mode.FLYING and rest_us != 0)
     (nx, ny), levels = world.grid.cells, world.grid.levels(ceiling)
     one = CarriedDrone(
         Mode(whole(mode, 0, HIGHEST)),
         _node(node, (0, 0, 0), (nx - 1, ny - 1, levels - 1)),
-        whole(battery_us, 0, own.capacity_us),
+        whole(charge, 0, own.capacity),
         whole(age_us, 0, HIGHEST),
         _hop(hop) if on_hop and hop is not None and not own.free else None,
         tuple(map(_hop, listed(route))) if returns and not own.free else (),
@@ -59,9 +59,9 @@ def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDr
     if (one.mode is Mode.CRASHED) != (one.fallen_m is not None):
         raise ValueError("only a crashed drone has fallen")
     if own.free:
-        one = carried_free.on_leg(one, free, hop, world, ceiling, own)
+        one = carried_courses.on_leg(one, free, hop, world, ceiling, own)
     if one.rest_us > 0 and one.mode not in TIMED & GROUNDED:
-        check_command = carried_free.check_command if own.free else _check_command
+        check_command = carried_courses.check_command if own.free else _check_command
         check_command(one, world, own)
     if one.mode is not Mode.CRASHED:
         _check_way(one, world, ceiling, own)

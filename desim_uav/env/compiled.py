@@ -92,13 +92,13 @@ class CompiledSession(Session):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except addresses and outputs, which a copy makes again."""
-        kept = super().__getstate__()
-        del kept["_row"]
-        return kept
+        state = super().__getstate__()
+        del state["_row"]
+        return state
 
-    def __setstate__(self, kept: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the attributes, with outputs of this object's own."""
-        vars(self).update(kept)
+        vars(self).update(state)
         self.write_to(Outputs.of(self, 1), 0)
 
     @classmethod
@@ -262,16 +262,16 @@ def session_of(engine: str, tasks: Tasks) -> Session:
     if engine == "batch":
         return CompiledSession(tasks)
     session = Session(tasks)
-    return session if engine == "des" else _chosen(session)
+    return session if engine == "des" else _automatic(session)
 
 
-def _chosen(session: Session) -> Session:
+def _automatic(session: Session) -> Session:
     """Return the session of ``engine="auto"``, given a new one in the SimPy engine."""
     worlds = [session.world, *later(session)]
     allowed = {first_of(world, observed=True) for world in worlds}
     session.chooses = "des" not in allowed
-    found = on_disk(worlds, session.engine.settings) if session.chooses else None
-    return session if found is None else CompiledSession.instead_of(session, found)
+    engine = on_disk(worlds, session.engine.settings) if session.chooses else None
+    return session if engine is None else CompiledSession.instead_of(session, engine)
 
 
 def later(session: Session) -> list[World]:
@@ -289,5 +289,5 @@ def faster(session: Session) -> Session:
     """
     if not session.chooses or isinstance(session, CompiledSession):
         return session
-    found = instead_of(session.engine, partial(later, session))
-    return session if found is None else CompiledSession.instead_of(session, found)
+    engine = instead_of(session.engine, partial(later, session))
+    return session if engine is None else CompiledSession.instead_of(session, engine)

@@ -36,13 +36,13 @@ def configured(
         changes.setdefault("world_seed", world_seed)
     overrides = _overrides(changes)
     if isinstance(source, Scenario):
-        return from_mapping(_given(source), overrides=overrides) if overrides else source
+        return from_mapping(_mapping_of(source), overrides=overrides) if overrides else source
     if isinstance(source, Mapping):
         return from_mapping(source, overrides=overrides)
     return load(find_scenario(fspath(source)), overrides)
 
 
-def _given(scenario: Scenario) -> dict[str, Any]:
+def _mapping_of(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as plain data, with its seed only if one was given."""
     plain = to_plain(scenario)
     if "seed" not in scenario.model_fields_set:

@@ -38,7 +38,7 @@ Flags = NDArray[np.bool_]
 Seed = int | Sequence[int | None] | None
 """The seed of environment 0, to which k is added for environment k; or a list with one for each."""
 
-Task = Callable[[], int]
+StepTask = Callable[[], int]
 """Steps some environments, or begins episodes in them; returns how many a fault has stopped."""
 
 FEWEST_DRAWN, FEWEST_STEPPED = 32, 8
@@ -107,9 +107,9 @@ class Many(VectorSaving, Independent):
         own = ("outputs", "_which", "_shares", "_pool", "guard")
         return {key: part for key, part in vars(self).items() if key not in own}
 
-    def __setstate__(self, kept: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the attributes, with arrays and threads of this object's own."""
-        vars(self).update(kept)
+        vars(self).update(state)
         self._set_up()
 
     def stop_threads(self) -> None:
@@ -136,7 +136,7 @@ class Many(VectorSaving, Independent):
         """Begin the next episode of the environments ``which``; with seeds, new runs."""
         self._do(self._begins(which, seeds), which)
 
-    def _begins(self, which: Flags, seeds: Sequence[int | None] | None = None) -> list[Task]:
+    def _begins(self, which: Flags, seeds: Sequence[int | None] | None = None) -> list[StepTask]:
         """Prepare the next episode of the environments ``which``; return tasks that begin them."""
         numbers = np.flatnonzero(which).tolist()
         for k in numbers:
@@ -215,18 +215,18 @@ class Many(VectorSaving, Independent):
         Raises ActionError, before any environment is stepped, if there is an invalid action.
         ``by_drone``: whether the actions have an axis for drones.
         """
-        known = self.commands
-        indices, aims = as_commands(known.arrays_of, self.num_envs, actions, by_drone)
+        of_worlds = self.commands
+        indices, aims = as_commands(of_worlds.arrays_of, self.num_envs, actions, by_drone)
         if aims is not None:
             self._do(self._in_shares(calls.aim_all, aims, ~over), self._all)
-        elif indices.min() < 0 or indices.max() >= len(known.actions):
-            raise ActionError(str(out_of_range(indices.tolist(), known.actions)))
+        elif indices.min() < 0 or indices.max() >= len(of_worlds.actions):
+            raise ActionError(str(out_of_range(indices.tolist(), of_worlds.actions)))
         begins = self._begins(over) if over.any() else []
         self._do([*begins, *self._in_shares(calls.step_all, indices, ~over)], self._all)
 
     def _in_shares(
         self, kernel: Callable[..., int], argument: NDArray[Any], which: Flags
-    ) -> list[Task]:
+    ) -> list[StepTask]:
         """Return tasks that call a kernel on the environments ``which``.
 
         ``argument`` has a row for each environment.
@@ -234,7 +234,7 @@ class Many(VectorSaving, Independent):
         rows = self.outputs.addresses
         return [partial(kernel, rows[one], argument[one], which[one]) for one in self._shares]
 
-    def _do(self, tasks: Iterable[Task], which: Flags) -> None:
+    def _do(self, tasks: Iterable[StepTask], which: Flags) -> None:
         """Do tasks of the environments ``which`` in all threads; repeat what ran out of room.
 
         Raises SimulationError if a component of one's own has failed in an environment.
@@ -298,7 +298,7 @@ def shares_of(count: int, threads: int) -> list[slice]:
     return [slice(*pair) for pair in pairwise(bounds)]
 
 
-def work_off(left: deque[Task]) -> int:
+def work_off(left: deque[StepTask]) -> int:
     """Do what is left until nothing is; return how many environments a fault has stopped."""
     stopped = 0
     while left:

@@ -18,7 +18,7 @@ from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
 from desim_uav.env.session import ActionError, as_commands
-from desim_uav.env.tasks import Change, Curriculum, tasks_of
+from desim_uav.env.tasks import Curriculum, TaskChange, tasks_of
 from desim_uav.spaces import features_of, observation_space, state_space
 
 Parts = dict[str, NDArray[Any]]
@@ -60,7 +60,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
         engine: str = "auto",
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
     ) -> None:
         """Make the environment of a scenario.
 
@@ -108,9 +108,9 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         """
         self.session = self.screen.session = faster(self.session)
         self.session.reset(seed)
-        return self._shown()
+        return self._present()
 
-    def _shown(self) -> tuple[dict[str, Parts], Infos]:
+    def _present(self) -> tuple[dict[str, Parts], Infos]:
         """Show the present decision epoch; return its observations and infos."""
         over = self.session.snapshot.terminated or self.session.snapshot.truncated
         self.agents = [] if over else self.possible_agents[:]

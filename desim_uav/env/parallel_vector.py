@@ -17,10 +17,10 @@ from desim_uav.env.arguments import typed
 from desim_uav.env.compiled import COUNTED, MEASURED, NUMBERS, OWN_COUNTED, as_counts, states_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Flags, Many, Seed
-from desim_uav.env.tasks import Change, Curriculum, tasks_of
+from desim_uav.env.tasks import Curriculum, TaskChange, tasks_of
 from desim_uav.spaces import features, observation_space, state_space
 
-Told = tuple[
+StepResult = tuple[
     NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
 ]
 
@@ -54,15 +54,15 @@ class UavParallelVectorEnv(Many):
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
         copy: bool = True,
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
     ) -> None:
         """Make ``num_envs`` environments of a scenario.
 
         The parameters and errors are those of ``UavVectorEnv``. ``copy``: whether the arrays of a
         reset or step are new ones.
         """
-        chosen = tasks_of(scenario, config, world_seed, curriculum)
-        self.make_sessions(chosen, num_envs, autoreset_mode, threads, render_mode)
+        tasks = tasks_of(scenario, config, world_seed, curriculum)
+        self.make_sessions(tasks, num_envs, autoreset_mode, threads, render_mode)
         self.copy = copy
 
     def _set_spaces(self) -> None:
@@ -83,13 +83,13 @@ class UavParallelVectorEnv(Many):
         self._written = outputs.observations.reshape(count, drones, -1)
         self._masks = outputs.masks.reshape(count, drones, -1)
         self._own = outputs.own.reshape(count, drones, -1)
-        self._shown = self._written.astype(self.sessions[0].dtype)
+        self._rows = self._written.astype(self.sessions[0].dtype)
         self._paid = np.zeros((count, drones))
         self._ends = np.zeros((2, count, drones), np.bool_)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except arrays and threads, which a copy makes again."""
-        own = ("_written", "_masks", "_own", "_shown", "_paid", "_ends")
+        own = ("_written", "_masks", "_own", "_rows", "_paid", "_ends")
         return {key: part for key, part in super().__getstate__().items() if key not in own}
 
     @typed
@@ -109,7 +109,7 @@ class UavParallelVectorEnv(Many):
         return self._observations(), self.infos()
 
     @alone
-    def step(self, actions: NDArray[Any]) -> Told:
+    def step(self, actions: NDArray[Any]) -> StepResult:
         """Take the actions (num_envs, drones), whole numbers, one for each drone.
 
         In free flight, they are the numbers of commands: (num_envs, drones, numbers).
@@ -194,13 +194,13 @@ class UavParallelVectorEnv(Many):
 
     def _observations(self) -> NDArray[Any]:
         if self.copy:
-            return self._written.astype(self._shown.dtype)
-        np.copyto(self._shown, self._written, casting="unsafe")
-        return self._shown
+            return self._written.astype(self._rows.dtype)
+        np.copyto(self._rows, self._written, casting="unsafe")
+        return self._rows
 
     def _final(self, ended: Flags) -> dict[str, Any]:
         """Return the last observations and infos of the episodes that have ended."""
-        observations = self._written.astype(self._shown.dtype)
+        observations = self._written.astype(self._rows.dtype)
         infos = {key: array.copy() for key, array in self.infos().items()}
         for array in (observations, *infos.values()):
             array[~ended] = 0

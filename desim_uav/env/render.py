@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from desim_uav.drawing.frame import Painter
 from desim_uav.env.session import Session
-from desim_uav.env.window import Window
+from desim_uav.env.window import PygletWindow
 
 RENDERING: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}
 
@@ -36,8 +36,8 @@ class Screen:
         """Return the session and the mode, without window and pictures."""
         return {"session": self.session, "mode": self.mode, "window": None}
 
-    def _new_window(self) -> Window:
-        return Window(RENDERING["render_fps"])
+    def _new_window(self) -> PygletWindow:
+        return PygletWindow(RENDERING["render_fps"])
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return the present frame, or None if the window shows it.

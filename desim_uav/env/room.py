@@ -18,10 +18,10 @@ def require_room(first: Session, count: int) -> None:
     The error names the number of features, the memory that they would take, and what is available.
     """
     numbers = first.drones * len(features(first.world))
-    needed, there = count * numbers * BYTES_A_FEATURE, available_bytes()
-    if needed > there:
+    needs, there = count * numbers * BYTES_A_FEATURE, available_bytes()
+    if needs > there:
         raise error.Error(
             f"num_envs {count}: the observations of {numbers:,} numbers each would take about "
-            f"{needed / 1e9:.3g} GB, but {there / 1e9:.3g} GB are available; use fewer "
+            f"{needs / 1e9:.3g} GB, but {there / 1e9:.3g} GB are available; use fewer "
             "environments or an observation of fewer features"
         )

@@ -60,7 +60,7 @@ class Saving:
     session: Session
     guard: OneThread
 
-    def _shown(self) -> Any:
+    def _present(self) -> Any:
         """Return what a reset returns, for the present decision epoch."""
         raise NotImplementedError
 
@@ -82,7 +82,7 @@ class Saving:
         cannot be read or that does not lead to the state that was saved.
         """
         resume(self.session, state)
-        return self._shown()
+        return self._present()
 
     @typed
     @alone
@@ -126,10 +126,10 @@ def _resume_file(session: Session, path: Path) -> None:
 
     A copy of the session plays them, so that nothing has changed if they do not lead there.
     """
-    kept, twin = state_file.read(path), deepcopy(session)
-    stage = _stage_of_hash(session, kept.scenario_hash, f"{path}: ")
-    _enter(twin, stage, (kept.seed, kept.episode, kept.world_seed), None, f"{path}: ")
-    resume(session, EnvState(kept.played(twin.engine, path), kept.seed, kept.steps))
+    content, twin = state_file.read(path), deepcopy(session)
+    stage = _stage_of_hash(session, content.scenario_hash, f"{path}: ")
+    _enter(twin, stage, (content.seed, content.episode, content.world_seed), None, f"{path}: ")
+    resume(session, EnvState(content.played(twin.engine, path), content.seed, content.steps))
 
 
 def _stage_of(session: Session, scenario: Scenario) -> int:
@@ -139,15 +139,15 @@ def _stage_of(session: Session, scenario: Scenario) -> int:
     return _stage_of_hash(session, scenario_hash(seedless(scenario)))
 
 
-def _stage_of_hash(session: Session, wanted: str, where: str = "") -> int:
+def _stage_of_hash(session: Session, digest: str, where: str = "") -> int:
     """Return the stage whose scenario has this hash. Raises StateError if none has."""
     own = [scenario_hash(seedless(scenario)) for _, scenario in session.tasks.stages]
-    if wanted not in own:
+    if digest not in own:
         raise StateError(
-            f"{where}the saved state is of another scenario (hash {wanted[:12]}) than this one "
+            f"{where}the saved state is of another scenario (hash {digest[:12]}) than this one "
             f"({own[session.stage][:12]})"
         )
-    return session.stage if own[session.stage] == wanted else own.index(wanted)
+    return session.stage if own[session.stage] == digest else own.index(digest)
 
 
 def _enter(
@@ -165,10 +165,10 @@ def _enter(
     seed, episode, world_seed = numbers
     own = session.tasks.world_seed(stage, seed, episode)
     if own != world_seed:
-        drawn = session.tasks.stages[stage][1].world_seed is None
+        by_seed = session.tasks.stages[stage][1].world_seed is None
         raise StateError(
             f"{where}the saved state is of world {world_seed}, but this environment flies in "
-            f"{'the world of its seed' if drawn else f'world {own}'}; world_seed: {world_seed}"
+            f"{'the world of its seed' if by_seed else f'world {own}'}; world_seed: {world_seed}"
         )
     if not session.started or (session.world.seed, session.stage) != (world_seed, stage):
         session.enter(stage, world or session.tasks.world(stage, world_seed))

@@ -55,9 +55,9 @@ class VectorSaving:
         ``which``: the index of one or of several environments; None: all of them. Returns the
         observations of all environments, and the infos of those. Raises the errors of ``UavEnv``.
         """
-        chosen = self._chosen(which)
-        resume(self.sessions[chosen[0]], state)
-        return self.assign(chosen[0], chosen)
+        indices = self._indices(which)
+        resume(self.sessions[indices[0]], state)
+        return self.assign(indices[0], indices)
 
     @typed
     @alone
@@ -70,10 +70,10 @@ class VectorSaving:
         environment in the same world. Raises ResetNeeded before the first episode of k.
         """
         self.sessions[k].require_episode()
-        chosen = self._chosen(which)
-        assign(self.sessions[k], [self.sessions[other] for other in chosen if other != k])
-        self._which[chosen] = self.sessions[k].which(self.sessions[k].episode)
-        return self._present(_mask(chosen, self.num_envs))
+        indices = self._indices(which)
+        assign(self.sessions[k], [self.sessions[other] for other in indices if other != k])
+        self._which[indices] = self.sessions[k].which(self.sessions[k].episode)
+        return self._present(_mask(indices, self.num_envs))
 
     @typed
     @alone
@@ -86,9 +86,9 @@ class VectorSaving:
         if count < 1:
             raise error.Error(f"count {count}: must be 1 or more")
         sessions = [deepcopy(self.sessions[k]) for _ in range(count)]
-        made: Any = type(self).__new__(type(self))
+        other: Any = type(self).__new__(type(self))
         own: Any = self
-        made.__setstate__(
+        other.__setstate__(
             {
                 **own.__getstate__(),
                 "num_envs": count,
@@ -98,22 +98,22 @@ class VectorSaving:
                 "_all": np.ones(count, np.bool_),
             }
         )
-        made._set_spaces()
-        forked: Self = made
+        other._set_spaces()
+        forked: Self = other
         return forked
 
-    def _chosen(self, which: int | Sequence[int] | None) -> list[int]:
+    def _indices(self, which: int | Sequence[int] | None) -> list[int]:
         """Return indices of environments, of which there must be at least one."""
         if which is None:
             return list(range(self.num_envs))
-        chosen = [which] if isinstance(which, int | np.integer) else list(which)
-        if not chosen or not all(0 <= k < self.num_envs for k in chosen):
+        indices = [which] if isinstance(which, int | np.integer) else list(which)
+        if not indices or not all(0 <= k < self.num_envs for k in indices):
             raise error.Error(f"which {which}: must be from 0 to {self.num_envs - 1}")
-        return [int(k) for k in chosen]
+        return [int(k) for k in indices]
 
 
-def _mask(chosen: Sequence[int], count: int) -> NDArray[np.bool_]:
+def _mask(indices: Sequence[int], count: int) -> NDArray[np.bool_]:
     """Return a mask of this length that is True at the chosen indices."""
     mask = np.zeros(count, np.bool_)
-    mask[chosen] = True
+    mask[indices] = True
     return mask

@@ -69,8 +69,8 @@ class Session(Independent):
         self.tasks, self.guard = tasks, OneThread()
         self.scenario = scenario = tasks.stages[0][1]
         self.drones = scenario.drone_count
-        given = "seed" in scenario.model_fields_set
-        self.seed = scenario.seed if given else secrets.randbits(32)
+        has_seed = "seed" in scenario.model_fields_set
+        self.seed = scenario.seed if has_seed else secrets.randbits(32)
         self.episode, self.steps = -1, 0
         self._stage = 0
         self._over = True
@@ -99,10 +99,10 @@ class Session(Independent):
         world_seed = self.tasks.world_seed(stage, self.seed, self.episode + 1)
         if self._started and (stage, world_seed) == (self._stage, self.world.seed):
             return False
-        given: World | None = vars(self).get("world") if stage == 0 and not self._started else None
-        if given is None or given.seed != world_seed:
-            given = self.tasks.world(stage, world_seed)
-        self.enter(stage, given)
+        world: World | None = vars(self).get("world") if stage == 0 and not self._started else None
+        if world is None or world.seed != world_seed:
+            world = self.tasks.world(stage, world_seed)
+        self.enter(stage, world)
         return True
 
     def enter(self, stage: int, world: World) -> None:
@@ -180,9 +180,9 @@ class Session(Independent):
     def _show(self, snapshot: Snapshot, episode: int) -> None:
         """Begin the infos of an episode with a snapshot."""
         self._snapshot = snapshot
-        first, asked = snapshot.observations[0], snapshot.open_requests
+        first, requests = snapshot.observations[0], snapshot.open_requests
         facts = self.world.facts_of(0)
-        names = term_names(self.world) or self.scenario.reward.terms(first, asked, facts)
+        names = term_names(self.world) or self.scenario.reward.terms(first, requests, facts)
         self.terms = {name: f"reward_{name}" for name in names}
         self._blank: dict[str, Any] = dict.fromkeys(info_keys(tuple(names)), 0)
         self._blank |= zip(WHICH, self.which(episode), strict=True)
@@ -351,9 +351,9 @@ def _checked(seed: int) -> int:
     return number
 
 
-def as_commands(read: Callable[..., Read], *given: Any) -> Read:
+def as_commands(read: Callable[..., Read], *actions: Any) -> Read:
     """Return what a function makes of given actions. Raises ActionError if they are not such."""
     try:
-        return read(*given)
+        return read(*actions)
     except CommandError as problem:
         raise ActionError(str(problem)) from problem

@@ -16,7 +16,7 @@ from desim_uav.env.compiled import faster, session_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
-from desim_uav.env.tasks import Change, Curriculum, tasks_of
+from desim_uav.env.tasks import Curriculum, TaskChange, tasks_of
 from desim_uav.spaces import features, observation_space
 
 
@@ -55,7 +55,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         render_mode: str | None = None,
         engine: str = "auto",
         world_seed: WorldSeed = "scenario",
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
     ) -> None:
         """Make the environment of a scenario.
 
@@ -96,9 +96,9 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         self.session = self.screen.session = faster(self.session)
         self.session.reset(seed)
         super().reset(seed=None if seed is None else self.session.seed)
-        return self._shown()
+        return self._present()
 
-    def _shown(self) -> tuple[NDArray[Any], dict[str, Any]]:
+    def _present(self) -> tuple[NDArray[Any], dict[str, Any]]:
         """Show the present decision epoch; return its observation and its info."""
         self.screen.refresh()
         return self.session.observation(), self.session.info()

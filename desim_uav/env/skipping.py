@@ -49,11 +49,11 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         """Take an action, and then the only allowed ones until there is a choice."""
         gained, way = 0.0, Way()
         while True:
-            seen, reward, terminated, truncated, info = self.env.step(action)
+            observation, reward, terminated, truncated, info = self.env.step(action)
             gained += way.discount * float(reward)
             way.go_on(self.gamma, info)
             if terminated or truncated or not info["forced"]:
-                return seen, gained, terminated, truncated, info | way.told()
+                return observation, gained, terminated, truncated, info | way.told()
             action = self._forced(info)
 
     def _forced(self, info: dict[str, Any]) -> Any:
@@ -90,23 +90,23 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Begin the next episode; nothing is skipped."""
-        told: tuple[dict[str, Any], dict[str, Any]] = super().reset(seed=seed, options=options)
+        start: tuple[dict[str, Any], dict[str, Any]] = super().reset(seed=seed, options=options)
         self._gained = dict.fromkeys(self.agents, 0.0)
         self._ways = {agent: Way() for agent in self.agents}
-        return told
+        return start
 
     def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
         """Take one action per agent, and then the only allowed ones until there is a choice."""
-        chosen = actions
+        choices = actions
         while True:
-            seen, rewards, ends, cuts, infos = super().step(chosen)
+            observations, rewards, ends, cuts, infos = super().step(choices)
             for agent, reward in rewards.items():
                 self._gained[agent] += self._ways[agent].discount * reward
                 self._ways[agent].go_on(self.gamma, infos[agent])
             over = not self.agents
             if over or not all(info["forced"] for info in infos.values()):
-                return seen, self._paid(infos, over), ends, cuts, infos
-            chosen = {agent: self._forced(agent, one) for agent, one in seen.items()}
+                return observations, self._paid(infos, over), ends, cuts, infos
+            choices = {agent: self._forced(agent, one) for agent, one in observations.items()}
 
     def _forced(self, agent: str, one: dict[str, Any]) -> Any:
         """Return the only allowed action; in free flight, a command does not count then."""
@@ -147,8 +147,8 @@ class Way:
 def _require(wrapped: type, env: Any) -> None:
     """Raise ArgumentError if an environment is none of this class, and no wrapper of one."""
     if not isinstance(getattr(env, "unwrapped", None), wrapped):
-        said = in_short(repr(env), 100)
-        raise ArgumentError(f"env: {said}: must be a {wrapped.__name__}, or a wrapper of one")
+        text = in_short(repr(env), 100)
+        raise ArgumentError(f"env: {text}: must be a {wrapped.__name__}, or a wrapper of one")
 
 
 def _checked(gamma: float) -> float:

@@ -14,7 +14,7 @@ from desim_uav.copies import Independent
 from desim_uav.env.arguments import typed
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.saving import EnvState
-from desim_uav.env.tasks import Change, Curriculum
+from desim_uav.env.tasks import Curriculum, TaskChange
 from desim_uav.env.vector import UavVectorEnv
 from desim_uav.errors import MissingExtraError
 
@@ -47,7 +47,7 @@ class UavVecEnv(Independent, VecEnv):
         threads: int = 1,
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
     ) -> None:
         """Make the environments; parameters and errors are those of ``UavVectorEnv``.
 
@@ -107,20 +107,20 @@ class UavVecEnv(Independent, VecEnv):
         Returns the observations of all environments.
         """
         observations, infos = self.vector.restore(state, which)
-        given = infos["_seed"].tolist()
+        has_seed = infos["_seed"].tolist()
         for k, info in enumerate(self._each(infos)):
-            if given[k]:
+            if has_seed[k]:
                 self.reset_infos[k] = info
         return observations
 
     @typed
     def fork(self, count: int, k: int = 0) -> Self:
         """Return new environments, this many, in the state of environment k."""
-        made = type(self).__new__(type(self))
-        made.vector, made.actions = self.vector.fork(count, k), None
-        VecEnv.__init__(made, count, self.observation_space, self.action_space)
-        made.reset_infos = made._each(made.vector.infos(np.ones(count, np.bool_)))
-        return made
+        other = type(self).__new__(type(self))
+        other.vector, other.actions = self.vector.fork(count, k), None
+        VecEnv.__init__(other, count, self.observation_space, self.action_space)
+        other.reset_infos = other._each(other.vector.infos(np.ones(count, np.bool_)))
+        return other
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return the present frame of each environment; ``render`` tiles them."""

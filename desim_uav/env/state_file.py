@@ -51,11 +51,11 @@ class Kept(NamedTuple):
         """Return the state to which the commands lead. Raises StateError, which names the file."""
         world = engine.world
         try:
-            told = self._told(world)
+            steps = self._steps(world)
             before, ceilings = self.before, engine.settings.ceilings
             engine.carry(None if before is None else checked(before, world, ceilings))
             engine.reset(draw(world, self.seed, self.episode))
-            for commands in told:
+            for commands in steps:
                 engine.step(commands)
         except (SimulationError, ValueError) as error:
             raise StateError(f"{path}: cannot be played: {error}") from error
@@ -67,10 +67,10 @@ class Kept(NamedTuple):
             )
         return saved
 
-    def _told(self, world: World) -> list[Any]:
+    def _steps(self, world: World) -> list[Any]:
         """Return the commands of each step. Raises ValueError if they do not fit a world."""
-        told, drones = self.commands.shape
-        if drones != world.scenario.drone_count or told > world.most_epochs:
+        steps, drones = self.commands.shape
+        if drones != world.scenario.drone_count or steps > world.most_epochs:
             raise ValueError(f"commands of the shape {self.commands.shape} do not fit")
         return world.commands.played(self.commands.tolist(), self.numbers)
 
@@ -111,9 +111,9 @@ def read(path: Path) -> Kept:
     except PolicyError as error:
         raise StateError(str(error)) from error
     about = stored.about
-    wanted: dict[str, type] = {"version": str, "scenario_hash": str, "digest": str}
-    wanted |= dict.fromkeys(("world_seed", "seed", "episode", "steps"), int)
-    for key, kind in wanted.items():
+    types: dict[str, type] = {"version": str, "scenario_hash": str, "digest": str}
+    types |= dict.fromkeys(("world_seed", "seed", "episode", "steps"), int)
+    for key, kind in types.items():
         if type(about.get(key)) is not kind:
             raise StateError(f"{path}: not a readable saved state: {key} is missing or wrong")
     world_seed, seed, episode = about["world_seed"], about["seed"], about["episode"]

@@ -31,7 +31,7 @@ MOST_WORLDS = 1024
 
 UNITS = ("episodes", "steps")
 
-Change = tuple[int, Mapping[str, Any]]
+TaskChange = tuple[int, Mapping[str, Any]]
 
 
 @typed
@@ -45,7 +45,7 @@ class Curriculum(Unchanging):
     as in ``config``; keys that a stage does not name have the values of the scenario.
     """
 
-    stages: Sequence[Change]
+    stages: Sequence[TaskChange]
     unit: str = "episodes"
 
 
@@ -72,8 +72,8 @@ class Tasks(Unchanging):
 
     def stage(self, episodes: int, steps: int) -> int:
         """Return the index of the stage that applies after so many episodes and steps."""
-        done = episodes if self.unit == "episodes" else steps
-        return bisect_right(self.stages, done, key=itemgetter(0)) - 1
+        count = episodes if self.unit == "episodes" else steps
+        return bisect_right(self.stages, count, key=itemgetter(0)) - 1
 
     def world_seed(self, stage: int, seed: int, episode: int) -> int:
         """Return the world seed of an episode of the run with this seed."""
@@ -82,8 +82,8 @@ class Tasks(Unchanging):
             return fixed
         if self.worlds is None:
             return seed
-        (((drawn,),),) = uniforms_of(seed, Purpose.TASK, [episode], 1, 1)
-        return self.worlds[int(drawn * len(self.worlds))]
+        (((uniform,),),) = uniforms_of(seed, Purpose.TASK, [episode], 1, 1)
+        return self.worlds[int(uniform * len(self.worlds))]
 
     def world(self, stage: int, world_seed: int) -> World:
         """Return the world of a stage, which is kept for later if ``worlds`` is given."""
@@ -112,7 +112,7 @@ def tasks_of(
     source: Source,
     config: Mapping[str, Any] | None = None,
     world_seed: WorldSeed = "scenario",
-    curriculum: Curriculum | Sequence[Change] | None = None,
+    curriculum: Curriculum | Sequence[TaskChange] | None = None,
 ) -> Tasks:
     """Return the tasks of an environment, for whose parameters see ``UavEnv``.
 
@@ -183,7 +183,7 @@ def _misfits(scenario: Scenario, changes: Mapping[str, Any]) -> Iterable[str]:
     before = _shape(scenario)
     if _shape(configured(scenario, changes)) == before:
         return
-    found = False
+    misfit = False
     for key, value in changes.items():
         try:
             after = _shape(configured(scenario, {key: value}))
@@ -191,9 +191,9 @@ def _misfits(scenario: Scenario, changes: Mapping[str, Any]) -> Iterable[str]:
             continue
         differing = [name for name in before if before[name] != after[name]]
         if differing:
-            found = True
+            misfit = True
             yield f"{key}: changes the {', '.join(differing)}, which must stay the same"
-    if not found:
+    if not misfit:
         yield f"{', '.join(changes)}: together they change the spaces, which must stay the same"
 
 

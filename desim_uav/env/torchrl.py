@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.parallel_vector import UavParallelVectorEnv
-from desim_uav.env.tasks import Change, Curriculum
+from desim_uav.env.tasks import Curriculum, TaskChange
 from desim_uav.errors import MissingExtraError
 from desim_uav.spaces import features
 
@@ -58,7 +58,7 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         threads: int = 1,
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
         seed: int | None = None,
         device: Any = "cpu",
     ) -> None:
@@ -86,12 +86,12 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         vector = self.vector
         count, drones = vector.num_envs, vector.drones
         world = vector.sessions[0].world
-        shown, actions = features(world), len(world.actions)
+        columns, actions = features(world), len(world.actions)
         low, high = (
-            torch.tensor([getattr(feature, end) for feature in shown], dtype=torch.float32)
+            torch.tensor([getattr(feature, end) for feature in columns], dtype=torch.float32)
             for end in ("low", "high")
         )
-        shape = (count, drones, len(shown))
+        shape = (count, drones, len(columns))
         of_all = (count, len(vector.state_names))
         mask = Categorical(2, (count, drones, actions), dtype=torch.bool)
         ends = {name: Categorical(2, (count, 1), dtype=torch.bool) for name in ENDS}
@@ -133,31 +133,31 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         which = None if tensordict is None else tensordict.get("_reset", None)
         if which is None or which.all():
             seed, self._next_seed = self._next_seed, None
-            seen, infos = self.vector.reset(seed=seed)
+            observations, infos = self.vector.reset(seed=seed)
         else:
-            chosen = which.reshape(-1).cpu().numpy()
-            seen, infos = self.vector.reset(options={"reset_mask": chosen})
-        return self._shown(seen, infos)
+            mask = which.reshape(-1).cpu().numpy()
+            observations, infos = self.vector.reset(options={"reset_mask": mask})
+        return self._content(observations, infos)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         actions = tensordict[GROUP, "action"].cpu().numpy()
-        seen, rewards, *_, infos = self.vector.step(actions)
-        told = self._shown(seen, infos)
-        told[GROUP, "reward"] = self._tensor(rewards.astype(np.float32)).unsqueeze(-1)
-        return told
+        observations, rewards, *_, infos = self.vector.step(actions)
+        content = self._content(observations, infos)
+        content[GROUP, "reward"] = self._tensor(rewards.astype(np.float32)).unsqueeze(-1)
+        return content
 
     def rand_action(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
         """Choose actions at random, among those that are allowed now, or numbers from -1 to 1."""
         masks = torch.from_numpy(self.vector.action_masks())
         if isinstance(self.vector.action_space, Box):
-            drawn = self.full_action_spec[GROUP, "action"].rand()
+            actions = self.full_action_spec[GROUP, "action"].rand()
         else:
-            drawn = torch.multinomial(masks.flatten(0, 1).float(), 1).view(masks.shape[:2])
+            actions = torch.multinomial(masks.flatten(0, 1).float(), 1).view(masks.shape[:2])
         if tensordict is None:
             tensordict = TensorDict({}, self.batch_size, device=self.device)
         if tensordict.get(GROUP, None) is None:
             tensordict[GROUP] = TensorDict({}, masks.shape[:2], device=self.device)
-        tensordict[GROUP, "action"] = drawn.to(self.device)
+        tensordict[GROUP, "action"] = actions.to(self.device)
         return tensordict
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -172,17 +172,17 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
 
     # ---- tensors
 
-    def _shown(self, seen: NDArray[Any], infos: dict[str, Any]) -> TensorDict:
+    def _content(self, observations: NDArray[Any], infos: dict[str, Any]) -> TensorDict:
         """Return everything that is observed now, and which episodes are over."""
         own, shared = self._infos(infos)
         drones = {
-            "observation": self._tensor(seen.astype(np.float32, copy=False)),
+            "observation": self._tensor(observations.astype(np.float32, copy=False)),
             self._mask_name: self._tensor(infos["action_mask"].view(np.bool_)),
             "info": own,
         }
         over = self.vector.outputs.over
         terminated, truncated = (self._tensor(over[:, k, np.newaxis].copy()) for k in (0, 1))
-        told = {
+        content = {
             GROUP: TensorDict(drones, own.shape, self.device),
             "state": self._tensor(self.vector.state()),
             "info": shared,
@@ -190,7 +190,7 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
             "terminated": terminated,
             "truncated": truncated,
         }
-        return TensorDict(told, self.batch_size, self.device)
+        return TensorDict(content, self.batch_size, self.device)
 
     def _infos(self, infos: dict[str, NDArray[Any]]) -> tuple[TensorDict, TensorDict]:
         """Return the infos that each drone has of its own, and those that all have in common."""

@@ -18,7 +18,7 @@ from desim_uav.env.compiled import COUNTED, MEASURED, as_counts
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Many
 from desim_uav.env.render import RENDERING
-from desim_uav.env.tasks import Change, Curriculum, tasks_of
+from desim_uav.env.tasks import Curriculum, TaskChange, tasks_of
 from desim_uav.spaces import features, observation_space
 
 
@@ -59,7 +59,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         threads: int = 1,
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
     ) -> None:
         """Make ``num_envs`` environments of a scenario.
 
@@ -72,8 +72,8 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         mode, if ``num_envs`` or ``threads`` is below 1, or if the observations do not fit in
         memory.
         """
-        chosen = tasks_of(scenario, config, world_seed, curriculum)
-        self.make_sessions(chosen, num_envs, autoreset_mode, threads, render_mode)
+        tasks = tasks_of(scenario, config, world_seed, curriculum)
+        self.make_sessions(tasks, num_envs, autoreset_mode, threads, render_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
 
     def _set_spaces(self) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 
-class Window:
+class PygletWindow:
     """A window that opens with its first frame and shows each frame for ``1 / fps`` seconds."""
 
     def __init__(self, fps: float) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from desim_uav.experiment.statistics import Estimate, estimate
 from desim_uav.optimum.paper_model import refuse_other_models
-from desim_uav.optimum.run.bound import ROUNDS, Run
+from desim_uav.optimum.run.bound import ROUNDS, BoundedRun
 from desim_uav.optimum.run.schedule import TURNS
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
@@ -41,22 +41,22 @@ def bounds(
 def _row(
     scenario: Scenario, seed: int, episodes: int, schedule: bool, on_work: Callable[[], None]
 ) -> dict[str, Any]:
-    drawn = scenario.model_copy(update={"seed": seed})
-    world = build_world(drawn, drawn.effective_world_seed)
-    found = Run(world, seed, episodes, on_work=on_work).bound(schedule)
+    seeded = scenario.model_copy(update={"seed": seed})
+    world = build_world(seeded, seeded.effective_world_seed)
+    bound = BoundedRun(world, seed, episodes, on_work=on_work).bound(schedule)
     return {
         "seed": seed,
-        "world_seed": drawn.effective_world_seed,
-        **{name: getattr(found, name) for name in MEASURES},
-        "gap_percent": found.gap_percent,
+        "world_seed": seeded.effective_world_seed,
+        **{name: getattr(bound, name) for name in MEASURES},
+        "gap_percent": bound.gap_percent,
     }
 
 
-def _plain(found: Estimate) -> dict[str, Any]:
+def _plain(estimate: Estimate) -> dict[str, Any]:
     return {
-        "n": found.n,
-        "mean": found.mean,
-        "half_width": found.half_width,
-        "low": found.low,
-        "high": found.high,
+        "n": estimate.n,
+        "mean": estimate.mean,
+        "half_width": estimate.half_width,
+        "low": estimate.low,
+        "high": estimate.high,
     }

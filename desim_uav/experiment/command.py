@@ -23,7 +23,7 @@ from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
 from desim_uav.records import EPISODES, REQUESTS, to_frame
 from desim_uav.report.manifest import read_manifest
-from desim_uav.run_folder import Draft, Place, world_content
+from desim_uav.run_folder import RunDraft, RunPlace, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
@@ -89,7 +89,7 @@ class Recorded:
         """Whether Ctrl-C ended the run before its last episode."""
         return bool(self.manifest["interrupted"])
 
-    def write(self, draft: Draft) -> None:
+    def write(self, draft: RunDraft) -> None:
         """Write everything except the tables into a run folder."""
         draft.write_text("scenario.yaml", dump(self.prepared.scenario))
         draft.write_json("world.json", world_content(self.prepared.world))
@@ -122,9 +122,9 @@ def prepare(
     return Prepared(scenario, world, loaded, policy_name(policy))
 
 
-def place_of(scenario: Scenario, policy: PolicyLike, out: Path | None) -> Place:
+def place_of(scenario: Scenario, policy: PolicyLike, out: Path | None) -> RunPlace:
     """Return the folder of a run: ``out``, or ``runs/<scenario>-<policy>-s<seed>``."""
-    return Place(out, f"{scenario.name}-{label_of(policy_name(policy))}-s{scenario.seed}")
+    return RunPlace(out, f"{scenario.name}-{label_of(policy_name(policy))}-s{scenario.seed}")
 
 
 def run_to_folder(
@@ -158,19 +158,19 @@ def run_to_folder(
 def write_run(
     prepared: Prepared,
     how: How,
-    place: Place,
+    place: RunPlace,
     advance: Callable[[], None] = lambda: None,
-    begun: Begun | None = None,
+    continuation: Begun | None = None,
 ) -> Done:
     """Run a policy and write the tables into the run folder while it runs.
 
-    ``begun``: the run of which this is the continuation (see ``resume``). Raises
+    ``continuation``: the run of which this is the continuation (see ``resume``). Raises
     KeyboardInterrupt, and writes nothing, if Ctrl-C is pressed before the first counted episode has
     ended.
     """
     with place.draft() as draft:
         with draft.tables() as write:
-            recorded = record(prepared, how, write, advance, begun)
+            recorded = record(prepared, how, write, advance, continuation)
         recorded.write(draft)
         run_dir = place.publish(draft)
     return Done(
@@ -183,7 +183,7 @@ def record(
     how: How,
     write: Write,
     advance: Callable[[], None] = lambda: None,
-    begun: Begun | None = None,
+    continuation: Begun | None = None,
 ) -> Recorded:
     """Run a policy; ``write`` is called with the tables of episodes when they have ended.
 
@@ -198,15 +198,15 @@ def record(
         how.warmup,
         how.keep_events,
         how.engine,
-        None if begun is None else begun.first,
+        None if continuation is None else continuation.first,
     )
-    if begun is None:
+    if continuation is None:
         return record_episodes(prepared, how, episodes, write, advance)
-    for _ in range(-how.warmup, begun.first):
+    for _ in range(-how.warmup, continuation.first):
         advance()
-    missing = begun.missing(prepared, episodes, how.keep_events, advance)
-    recorded = record_episodes(prepared, how, missing, write, advance, begun)
-    recorded.manifest["resumed_at"] = begun.done
+    missing = continuation.missing(prepared, episodes, how.keep_events, advance)
+    recorded = record_episodes(prepared, how, missing, write, advance, continuation)
+    recorded.manifest["resumed_at"] = continuation.done
     return recorded
 
 
@@ -216,23 +216,23 @@ def record_episodes(
     episodes: Iterable[run.Played],
     write: Write,
     advance: Callable[[], None] = lambda: None,
-    begun: Begun | None = None,
+    continuation: Begun | None = None,
 ) -> Recorded:
     """Record the episodes of a policy as ``record`` does, whoever plays them.
 
-    ``begun``: the run that these episodes continue.
+    ``continuation``: the run that these episodes continue.
     """
     world, policy, seed = prepared.world, prepared.policy, prepared.scenario.seed
     now = clock()
     started = now()
-    played_by: Counter[str] = Counter({} if begun is None else begun.played_by())
+    played_by: Counter[str] = Counter({} if continuation is None else continuation.played_by())
 
     def noted() -> Iterator[run.Played]:
         for log, path in episodes:
             played_by[log.engine] += log.episode >= 0
             yield log, path
 
-    tally, by_service = _write_tables(world, noted(), how.keep_events, write, advance, begun)
+    tally, by_service = _write_tables(world, noted(), how.keep_events, write, advance, continuation)
     if not tally.episodes:
         raise KeyboardInterrupt
     settings = run.run_settings(world, policy, how.keep_events)
@@ -255,8 +255,8 @@ def record_episodes(
         "finished": now(),
         "versions": versions(),
     }
-    named = {key: manifest[key] for key in NAMED}
-    return Recorded(prepared, manifest, named | tally.headline(), by_service.summaries())
+    entries = {key: manifest[key] for key in NAMED}
+    return Recorded(prepared, manifest, entries | tally.headline(), by_service.summaries())
 
 
 def _write_tables(
@@ -265,7 +265,7 @@ def _write_tables(
     keep_events: bool,
     write: Write,
     advance: Callable[[], None],
-    begun: Begun | None,
+    continuation: Begun | None,
 ) -> tuple[run.Tally, qoe.Groups]:
     """Write the tables of episodes when they have ended, with one batch in memory at a time.
 
@@ -273,8 +273,8 @@ def _write_tables(
     ends the run after the current episode.
     """
     tally, by_service = run.Tally(), qoe.Groups("service")
-    rest = Rest() if begun is None else begun.rest()
-    for name, part in () if begun is None else begun.parts():
+    rest = Rest() if continuation is None else continuation.rest()
+    for name, part in () if continuation is None else continuation.parts():
         write(name, part)
         if name == "requests":
             tally.add(part, to_frame(EPISODES, []))
@@ -319,26 +319,26 @@ def read_summary(
     """
     tally, groups = run.Tally(), None if by is None else qoe.Groups(by)
     no_episodes = to_frame(EPISODES, [])
-    asked: Counter[int] = Counter()
+    requests_of: Counter[int] = Counter()
     for requests in read_parts(folder, "requests", REQUESTS):
         problem = qoe.inconsistency(requests)
         if problem:
             raise PolicyError(f"{folder / 'requests.parquet'}: {problem}")
-        asked.update(requests["episode"].tolist())
+        requests_of.update(requests["episode"].tolist())
         tally.add(requests, no_episodes)
         if groups is not None:
             groups.add(run.counted(requests))
     for episodes in read_parts(folder, "episodes", EPISODES):
         tally.add(to_frame(REQUESTS, []), episodes)
         for episode, requests in zip(episodes["episode"], episodes["requests"], strict=True):
-            if asked.pop(episode, 0) != requests:
+            if requests_of.pop(episode, 0) != requests:
                 raise _of_two_runs(folder, episode)
-    for episode in asked:
+    for episode in requests_of:
         raise _of_two_runs(folder, episode)
     manifest = read_manifest(folder)
-    named = {key: manifest[key] for key in NAMED if key in manifest}
+    entries = {key: manifest[key] for key in NAMED if key in manifest}
     by_group = None if groups is None else groups.summaries()
-    return named | tally.headline() | {"run_dir": str(folder)}, by_group
+    return entries | tally.headline() | {"run_dir": str(folder)}, by_group
 
 
 def _of_two_runs(folder: Path, episode: int) -> PolicyError:
@@ -354,7 +354,7 @@ def label_of(name: str) -> str:
     if file is None:
         module, _, own = name.rpartition(":")
         return f"{Path(module).stem}:{own}" if module.endswith(".py") else name
-    named = file.absolute().parent.name if file.name in ALWAYS_CALLED else file.stem
+    name_of_file = file.absolute().parent.name if file.name in ALWAYS_CALLED else file.stem
     kind, argument = parts(name)
     options = argument.partition(file.name)[2]  # of a planner
-    return f"{kind}-{named}{options}"
+    return f"{kind}-{name_of_file}{options}"

@@ -38,7 +38,7 @@ from desim_uav.world import build_world
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Measures = dict[str, float | None]
+RunMeasures = dict[str, float | None]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Replication:
     policy: str
     seed: int
     world_seed: int
-    measures: Measures
+    measures: RunMeasures
 
     @property
     def sample_paths(self) -> tuple[int, int]:
@@ -103,8 +103,8 @@ class Comparison:
         text = io.StringIO()
         writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
-        named = ({**common, **row, "policy": csv_cell(row["policy"])} for row in self.rows())
-        writer.writerows(named)
+        rows = ({**common, **row, "policy": csv_cell(row["policy"])} for row in self.rows())
+        writer.writerows(rows)
         return text.getvalue()
 
     @cached_property
@@ -174,12 +174,12 @@ class Comparison:
         }
 
     def _differences(self, policy: str) -> dict[str, Any]:
-        found, reference = self._of(policy), self._of(self.against)
-        common = [drawn for drawn in found if drawn in reference]
+        runs, reference = self._of(policy), self._of(self.against)
+        common = [key for key in runs if key in reference]
 
         def difference(name: str) -> dict[str, Any]:
             values, references = (
-                [of[drawn].measures[name] for drawn in common] for of in (found, reference)
+                [of[key].measures[name] for key in common] for of in (runs, reference)
             )
             minus = paired(values, references)
             return _plain(minus) | {"excludes_zero": minus.excludes_zero}
@@ -216,21 +216,25 @@ def compare_policies(
     reference = reference_of(list(policies), against)
     if jobs > 1:
         _check_portable(policies)
-    drawn = [(policy, seed) for seed in seeds for policy in policies]
-    tasks = [(scenario, policies[policy], seed, episodes, warmup, engine) for policy, seed in drawn]
-    done: list[Replication] = []
+    pairs = [(policy, seed) for seed in seeds for policy in policies]
+    tasks = [(scenario, policies[policy], seed, episodes, warmup, engine) for policy, seed in pairs]
+    replications: list[Replication] = []
     interrupted = False
     try:
         with closing(run_each(evaluate, tasks, jobs)) as ended:
             for number, measured in ended:
-                policy, seed = drawn[number]
-                done.append(Replication(policy, seed, world_seed_of(scenario, seed), measured))
+                policy, seed = pairs[number]
+                replications.append(
+                    Replication(policy, seed, world_seed_of(scenario, seed), measured)
+                )
                 on_replication()
     except KeyboardInterrupt:
-        if not done:
+        if not replications:
             raise
         interrupted = True
-    return Comparison(scenario.name, episodes, warmup, list(policies), reference, done, interrupted)
+    return Comparison(
+        scenario.name, episodes, warmup, list(policies), reference, replications, interrupted
+    )
 
 
 def _check_portable(policies: Mapping[str, PolicyLike]) -> None:
@@ -244,12 +248,12 @@ def _check_portable(policies: Mapping[str, PolicyLike]) -> None:
             ) from error
 
 
-def policy_names(asked: Sequence[str]) -> list[str]:
+def policy_names(texts: Sequence[str]) -> list[str]:
     """Return the policies of a command line's list, which was separated at its commas.
 
     Raises UsageError if a name is empty or given twice, and PolicyError if one cannot be loaded.
     """
-    text, names = ",".join(asked), [name.strip() for name in asked]
+    text, names = ",".join(texts), [name.strip() for name in texts]
     for name in names:
         if not name:
             raise UsageError(
@@ -268,7 +272,7 @@ def policies_by_name(
 ) -> dict[str, PolicyLike]:
     """Return policies by their names in tables. Raises UsageError if a name is given twice."""
     if isinstance(policies, Mapping):
-        named = dict(policies)
+        by_name = dict(policies)
     else:
         policies = list(policies)
         names = [policy_name(policy) for policy in policies]
@@ -277,12 +281,12 @@ def policies_by_name(
                 raise UsageError(
                     f"policies: {name!r} is given twice; use a mapping to give each a name"
                 )
-        named = dict(zip(names, policies, strict=True))
-    if not named:
+        by_name = dict(zip(names, policies, strict=True))
+    if not by_name:
         raise UsageError("policies: the list is empty")
-    for policy in named.values():
+    for policy in by_name.values():
         load_policy(policy)
-    return named
+    return by_name
 
 
 def the_scenario(arguments: Sequence[str]) -> str:
@@ -324,12 +328,12 @@ def out_of_place(
     worlds = {world_seed_of(scenario, seed) for seed in seeds}
     warnings = []
     for name, policy in policies.items():
-        known = getattr(load_policy(policy), "world_seed", None)
-        if known is not None and worlds != {known}:
+        world_seed = getattr(load_policy(policy), "world_seed", None)
+        if world_seed is not None and worlds != {world_seed}:
             where = f"world {min(worlds)}" if len(worlds) == 1 else "a world for each seed"
             warnings.append(
-                f"{name} was learned in world {known} and is compared in {where}; "
-                f"set the world seed to {known} to compare it in its own world"
+                f"{name} was learned in world {world_seed} and is compared in {where}; "
+                f"set the world seed to {world_seed} to compare it in its own world"
             )
     return warnings
 
@@ -376,11 +380,11 @@ def _html(rows: Sequence[dict[str, Any]]) -> str:
     return notebook.table(headings, cells, words=[0, 1])
 
 
-def _plain(found: Estimate) -> dict[str, Any]:
+def _plain(estimate: Estimate) -> dict[str, Any]:
     return {
-        "n": found.n,
-        "mean": found.mean,
-        "half_width": found.half_width,
-        "low": found.low,
-        "high": found.high,
+        "n": estimate.n,
+        "mean": estimate.mean,
+        "half_width": estimate.half_width,
+        "low": estimate.low,
+        "high": estimate.high,
     }

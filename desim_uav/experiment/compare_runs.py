@@ -108,8 +108,8 @@ def _difference(one: Any, other: Any, path: tuple[str, ...] = ()) -> str | None:
     """Return the first key other than ``name`` in which two scenarios differ, with both values."""
     if isinstance(one, dict) and isinstance(other, dict):
         for key in [*one, *(key for key in other if key not in one)]:
-            found = _difference(one.get(key), other.get(key), (*path, key))
-            if found and (*path, key) != ("name",):
-                return found
+            difference = _difference(one.get(key), other.get(key), (*path, key))
+            if difference and (*path, key) != ("name",):
+                return difference
         return None
     return None if one == other else f"{'.'.join(path)} is {one}, not {other}"

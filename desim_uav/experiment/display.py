@@ -20,14 +20,14 @@ LINES_EVERY_S = 10.0
 NOTEBOOK_EVERY_S = 0.5
 TERMINAL_EVERY_S = 0.1
 
-Text = Callable[[], str]
+DisplayText = Callable[[], str]
 """Returns the text beside the progress; called only if it will be shown."""
 
 
 class Update(Protocol):
     """Takes the progress of work: ``advance`` more units, or ``completed`` units in total."""
 
-    def __call__(self, text: Text, advance: int = 1, completed: int | None = None) -> None:
+    def __call__(self, text: DisplayText, advance: int = 1, completed: int | None = None) -> None:
         """Show the progress, unless it was shown a moment ago."""
 
 
@@ -49,18 +49,20 @@ def display(show: bool, total: int, unit: str, compiling: bool) -> Iterator[Upda
     else:
         if compiling:
             _print(COMPILING)
-        yield _Paced(total, LINES_EVERY_S, lambda done, text: _print(_share(done, total, unit)))
+        yield _Paced(total, LINES_EVERY_S, lambda count, text: _print(_share(count, total, unit)))
 
 
 class _Paced:
     """Counts the units done and shows them at most once per interval."""
 
-    def __init__(self, total: int, every_s: float, show: Callable[[int, Text], None]) -> None:
+    def __init__(
+        self, total: int, every_s: float, show: Callable[[int, DisplayText], None]
+    ) -> None:
         self.done = 0
         self._total, self._every_s, self._show = total, every_s, show
         self._shown_s = time.monotonic()
 
-    def __call__(self, text: Text, advance: int = 1, completed: int | None = None) -> None:
+    def __call__(self, text: DisplayText, advance: int = 1, completed: int | None = None) -> None:
         """See ``Update``."""
         self.done = self.done + advance if completed is None else completed
         now_s = time.monotonic()
@@ -76,8 +78,8 @@ def _on_terminal(console: Console, total: int, unit: str, compiling: bool) -> It
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
         task = progress.add_task(COMPILING if compiling else unit, total=total)
 
-        def show(done: int, text: Text) -> None:
-            progress.update(task, description=text(), completed=done)
+        def show(count: int, text: DisplayText) -> None:
+            progress.update(task, description=text(), completed=count)
 
         paced = _Paced(total, TERMINAL_EVERY_S, show)
         yield paced
@@ -99,9 +101,9 @@ def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Update]:
     first = COMPILING if compiling else _share(0, total, unit)
     handle = ipython.display(line(first), raw=True, display_id=True)
 
-    def show(done: int, text: Text) -> None:
+    def show(count: int, text: DisplayText) -> None:
         words = text()
-        progress = _share(done, total, unit) + ("" if words == unit else f"  {words}")
+        progress = _share(count, total, unit) + ("" if words == unit else f"  {words}")
         handle.update(line(progress), raw=True)
 
     try:
@@ -110,8 +112,8 @@ def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Update]:
         handle.update(line(""), raw=True)
 
 
-def _share(done: int, total: int, unit: str) -> str:
-    return f"{done:,} of {total:,} {unit}"
+def _share(count: int, total: int, unit: str) -> str:
+    return f"{count:,} of {total:,} {unit}"
 
 
 def _print(text: str) -> None:

@@ -39,7 +39,7 @@ ALONE = dict.fromkeys(("benchmarl", "marl-test", "rllib"), " in an environment o
 
 
 @dataclass(frozen=True)
-class Finding:
+class Check:
     """The result of one check; with a ``problem``, something does not work."""
 
     verdict: Verdict
@@ -47,13 +47,13 @@ class Finding:
     words: str
 
 
-def examine() -> list[Finding]:
+def examine() -> list[Check]:
     """Make all checks and return their results in order."""
     looks = (_python, _required, _extras, _conflicts, _kernels, _processors, _memory, _places)
     return [finding for look in looks for finding in look()]
 
 
-def as_content(findings: list[Finding]) -> dict[str, Any]:
+def as_content(findings: list[Check]) -> dict[str, Any]:
     """Return the results as plain data, for JSON."""
     return {
         "healthy": all(finding.verdict != "problem" for finding in findings),
@@ -61,14 +61,14 @@ def as_content(findings: list[Finding]) -> dict[str, Any]:
     }
 
 
-def _python() -> Iterator[Finding]:
-    yield Finding("ok", PACKAGE, __version__)
-    wanted = SpecifierSet(_requires_python())
-    found = platform.python_version()
-    fits = wanted.contains(found, prereleases=True)
-    words = f"{found}, {platform.platform()}"
-    yield Finding(
-        "ok" if fits else "problem", "Python", words if fits else f"{words}; {wanted} is needed"
+def _python() -> Iterator[Check]:
+    yield Check("ok", PACKAGE, __version__)
+    specifiers = SpecifierSet(_requires_python())
+    release = platform.python_version()
+    fits = specifiers.contains(release, prereleases=True)
+    words = f"{release}, {platform.platform()}"
+    yield Check(
+        "ok" if fits else "problem", "Python", words if fits else f"{words}; {specifiers} is needed"
     )
 
 
@@ -97,48 +97,50 @@ def _of_extra(extra: str) -> list[Requirement]:
     ]
 
 
-def _required() -> Iterator[Finding]:
-    needed = _of_extra("")
-    if not needed:
-        yield Finding("note", "packages", "not installed by pip, so versions are not checked")
-    wrong = [words for one in needed if (words := _misfit(one))]
+def _required() -> Iterator[Check]:
+    requirements = _of_extra("")
+    if not requirements:
+        yield Check("note", "packages", "not installed by pip, so versions are not checked")
+    wrong = [words for one in requirements if (words := _misfit(one))]
     for words in wrong:
-        yield Finding("problem", "package", f"{words}; pip install --upgrade {PACKAGE}")
-    if needed and not wrong:
+        yield Check("problem", "package", f"{words}; pip install --upgrade {PACKAGE}")
+    if requirements and not wrong:
         some = ", ".join(f"{name} {version(name)}" for name in ("simpy", "numpy", "numba"))
-        yield Finding("ok", "packages", f"all {len(needed)} have suitable versions ({some}, …)")
-    yield from _broken(one.name for one in needed)
+        yield Check("ok", "packages", f"all {len(requirements)} have suitable versions ({some}, …)")
+    yield from _broken(one.name for one in requirements)
 
 
-def _misfit(wanted: Requirement) -> str | None:
+def _misfit(requirement: Requirement) -> str | None:
     """Return why an installed package does not fit, or None if it does."""
     try:
-        found = version(wanted.name)
+        release = version(requirement.name)
     except PackageNotFoundError:
-        return f"{wanted.name} is missing"
-    if not wanted.specifier.contains(found, prereleases=True):
-        return f"{wanted.name} {found} is installed, but {wanted.specifier} is needed"
-    inner = (_misfit(one) for extra in wanted.extras for one in _with_extra(wanted.name, extra))
+        return f"{requirement.name} is missing"
+    if not requirement.specifier.contains(release, prereleases=True):
+        return f"{requirement.name} {release} is installed, but {requirement.specifier} is needed"
+    inner = (
+        _misfit(one) for extra in requirement.extras for one in _with_extra(requirement.name, extra)
+    )
     return next(filter(None, inner), None)
 
 
 def _with_extra(package: str, extra: str) -> list[Requirement]:
     """Return the requirements of another package's extra."""
-    asked = [Requirement(text) for text in requires(package) or ()]
-    return [one for one in asked if one.marker and one.marker.evaluate({"extra": extra})]
+    requirements = [Requirement(text) for text in requires(package) or ()]
+    return [one for one in requirements if one.marker and one.marker.evaluate({"extra": extra})]
 
 
-def _broken(names: Iterator[str]) -> Iterator[Finding]:
+def _broken(names: Iterator[str]) -> Iterator[Check]:
     """Yield the packages that are installed but cannot be imported, as numba with a newer numpy."""
     modules = {"pyyaml": "yaml", "annotated-types": "annotated_types", "pillow": "PIL"}
     for name in names:
         try:
             importlib.import_module(modules.get(name, name))
         except ImportError as error:
-            yield Finding("problem", name, f"cannot be imported: {error}")
+            yield Check("problem", name, f"cannot be imported: {error}")
 
 
-def _extras() -> Iterator[Finding]:
+def _extras() -> Iterator[Check]:
     try:
         extras = sorted(set(metadata(PACKAGE).get_all("Provides-Extra") or ()))
     except PackageNotFoundError:
@@ -147,28 +149,28 @@ def _extras() -> Iterator[Finding]:
         missing = [words for one in _of_extra(extra) if (words := _misfit(one))]
         install = install_command(extra) + ALONE.get(extra, "")
         if not missing:
-            yield Finding("ok", f"extra {extra}", "installed")
+            yield Check("ok", f"extra {extra}", "installed")
         else:
-            yield Finding("note", f"extra {extra}", f"{'; '.join(missing)}; {install}")
+            yield Check("note", f"extra {extra}", f"{'; '.join(missing)}; {install}")
 
 
-def _conflicts() -> Iterator[Finding]:
+def _conflicts() -> Iterator[Check]:
     for name, words in CONFLICTS.items():
         try:
-            asked = [Requirement(text) for text in requires(name) or ()]
-            found = version("gymnasium")
+            requirements = [Requirement(text) for text in requires(name) or ()]
+            release = version("gymnasium")
         except PackageNotFoundError:
             continue
-        for one in asked:
-            if one.name == "gymnasium" and not one.specifier.contains(found, prereleases=True):
-                message = words.format(wanted=one.specifier, found=found)
-                yield Finding("note", f"{name} {version(name)}", message)
+        for one in requirements:
+            if one.name == "gymnasium" and not one.specifier.contains(release, prereleases=True):
+                message = words.format(wanted=one.specifier, found=release)
+                yield Check("note", f"{name} {version(name)}", message)
                 break
 
 
-def _kernels() -> Iterator[Finding]:
+def _kernels() -> Iterator[Check]:
     if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
-        yield Finding("problem", "kernels", "NUMBA_DISABLE_JIT is set, so everything is very slow")
+        yield Check("problem", "kernels", "NUMBA_DISABLE_JIT is set, so everything is very slow")
         return
     from desim_uav.engine.ahead import at_work
     from desim_uav.engine.compiled import loop
@@ -176,28 +178,28 @@ def _kernels() -> Iterator[Finding]:
     from desim_uav.model.geometry.crossings import crossings
     from desim_uav.rowcode.kernels import NOWHERE, cache_folder, compiled_before
 
-    asked = os.environ.get("NUMBA_CACHE_DIR")
-    if asked and (problem := _unwritable(Path(asked))):
-        yield Finding("problem", "NUMBA_CACHE_DIR", f"{problem}; it is not used")
+    cache_dir = os.environ.get("NUMBA_CACHE_DIR")
+    if cache_dir and (problem := _unwritable(Path(cache_dir))):
+        yield Check("problem", "NUMBA_CACHE_DIR", f"{problem}; it is not used")
     folder = cache_folder(crossings)
     if folder is None:
         words = NOWHERE.format(folder=Path(__file__).parents[1])
-        yield Finding("problem", "compiled code", words)
+        yield Check("problem", "compiled code", words)
         return
     if problem := _unwritable(folder):
         words = f"{problem}; it is compiled anew in each process, or set NUMBA_CACHE_DIR"
-        yield Finding("problem", "compiled code", words)
+        yield Check("problem", "compiled code", words)
     kinds = {"run": crossings, "the compiled engine": loop.run, "training": fused.play}
     waiting = [name for name, kernel in kinds.items() if not compiled_before(kernel)]
     missing = f"{', '.join(waiting)}: compiled on first use, which takes up to a minute"
     words = f"{missing if waiting else 'ready'}; kept in {folder}"
     words += "" if problem else ", which is writable"
-    yield Finding("note" if waiting else "ok", "compiled code", words)
+    yield Check("note" if waiting else "ok", "compiled code", words)
     if who := at_work():
-        yield Finding("note", "compiling", f"{who}; until it ends, --engine auto begins with SimPy")
+        yield Check("note", "compiling", f"{who}; until it ends, --engine auto begins with SimPy")
 
 
-def _processors() -> Iterator[Finding]:
+def _processors() -> Iterator[Check]:
     usable, allowed = processors(), quota()
     limits = [f"a control group allows the time of {allowed:g}"] if allowed < math.inf else []
     limits += [
@@ -206,17 +208,17 @@ def _processors() -> Iterator[Finding]:
         if name in os.environ
     ]
     words = f"{usable} usable (-j {usable})" + (f"; {', '.join(limits)}" if limits else "")
-    yield Finding("ok", "processors", words)
+    yield Check("ok", "processors", words)
 
 
-def _memory() -> Iterator[Finding]:
+def _memory() -> Iterator[Check]:
     left = available_bytes()
     if left < math.inf:
         words = f"{left / 1e9:.1f} GB available to this process (machine, control groups, ulimit)"
-        yield Finding("note" if left < SHORT_OF_MEMORY else "ok", "memory", words)
+        yield Check("note" if left < SHORT_OF_MEMORY else "ok", "memory", words)
 
 
-def _places() -> Iterator[Finding]:
+def _places() -> Iterator[Check]:
     runs = Path("runs") if Path("runs").exists() else Path()
     for name, folder in (("runs", runs), ("temporary files", Path(tempfile.gettempdir()))):
         problem = _unwritable(folder)
@@ -224,10 +226,10 @@ def _places() -> Iterator[Finding]:
         words = f"{folder.resolve()}: {problem or f'{free / 2**30:.1f} GiB free'}"
         few = not problem and free < SHORT_OF_DISK
         verdict: Verdict = "problem" if problem else "note" if few else "ok"
-        yield Finding(verdict, name, words)
+        yield Check(verdict, name, words)
     if not sys.stderr.isatty():
         words = "stderr is not a terminal, so progress is a line every 10 s instead of a bar"
-        yield Finding("note", "terminal", words)
+        yield Check("note", "terminal", words)
 
 
 def _unwritable(folder: Path) -> str | None:

@@ -28,10 +28,10 @@ ENERGY = "j_per_mbit"
 
 def measures_of(*scenarios: Scenario) -> tuple[str, ...]:
     """Return the names of the measures of replications in some scenarios, in any of them."""
-    known = any(
+    has_energy = any(
         all(in_joules(drones.battery) for drones in scenario.fleet) for scenario in scenarios
     )
-    return (*MEASURES, ENERGY) if known else MEASURES
+    return (*MEASURES, ENERGY) if has_energy else MEASURES
 
 
 def evaluate(

@@ -26,7 +26,7 @@ from desim_uav.experiment.command import (
 from desim_uav.experiment.run import Played
 from desim_uav.policies.base import Policy
 from desim_uav.registry import naming_plug_ins
-from desim_uav.run_folder import Draft, Place
+from desim_uav.run_folder import RunDraft, RunPlace
 from desim_uav.sample_path import draw
 
 FORM = re.compile(r"(\d{1,9}):(\d{1,9})")
@@ -47,12 +47,12 @@ class At(NamedTuple):
     @classmethod
     def of(cls, text: str) -> At:
         """Return the epoch that a text such as ``0:12`` names. Raises UsageError."""
-        found = FORM.fullmatch(text)
-        if found is None:
+        match = FORM.fullmatch(text)
+        if match is None:
             raise UsageError(
                 f"--fork {text}: must be EPISODE:STEP, two numbers from 0 on, such as 0:12"
             )
-        return cls(int(found[1]), int(found[2]))
+        return cls(int(match[1]), int(match[2]))
 
     def __str__(self) -> str:
         return f"{self.episode}:{self.step}"
@@ -147,12 +147,12 @@ def record_branches(
     """
     prepared, at, how = branches.prepared, branches.at, branches.how
     _check(branches)
-    seen = Since(at), Since(at)
+    tallies = Since(at), Since(at)
     then = replace(
         prepared, policy=branches.other, name=f"{prepared.name}, then {branches.other_name}"
     )
-    original = _recorded(prepared, how, branches.original(), seen[0].noting(writes[0]), advance)
-    other = _recorded(then, how, branches.continued(), seen[1].noting(writes[1]), advance)
+    original = _recorded(prepared, how, branches.original(), tallies[0].noting(writes[0]), advance)
+    other = _recorded(then, how, branches.continued(), tallies[1].noting(writes[1]), advance)
     fork = {
         "episode": at.episode,
         "step": at.step,
@@ -163,9 +163,9 @@ def record_branches(
     for recorded in (original, other):
         recorded.manifest["fork"] = fork
     assert branches.saved is not None
-    measures = [each.measures() for each in seen]
-    named = {key: original.manifest[key] for key in ("scenario", "seed", "world_seed")}
-    about = named | fork | {"episodes": how.episodes, "state": branches.saved.digest()}
+    measures = [each.measures() for each in tallies]
+    entries = {key: original.manifest[key] for key in ("scenario", "seed", "world_seed")}
+    about = entries | fork | {"episodes": how.episodes, "state": branches.saved.digest()}
     about |= dict(zip(BRANCHES, measures, strict=True)) | {"difference": _difference(*measures)}
     return Forked(original, other, about)
 
@@ -214,35 +214,35 @@ class Since:
         tally = run.Tally()
         for requests, episodes in zip(*self.frames.values(), strict=True):
             tally.add(requests, episodes)
-        found = tally.headline()
-        return {name: found[name] for name in COMPARED}
+        headline = tally.headline()
+        return {name: headline[name] for name in COMPARED}
 
 
 def _difference(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
     """Return what the other branch has more than the original; None where one has no value."""
-    known = {name for name in COMPARED if None not in (one[name], other[name])}
-    return {name: other[name] - one[name] if name in known else None for name in COMPARED}
+    comparable = {name for name in COMPARED if None not in (one[name], other[name])}
+    return {name: other[name] - one[name] if name in comparable else None for name in COMPARED}
 
 
 # ---- the folder
 
 
-def place_of_fork(prepared: Prepared, other_name: str, at: At, out: Path | None) -> Place:
+def place_of_fork(prepared: Prepared, other_name: str, at: At, out: Path | None) -> RunPlace:
     """Return the folder of a counterfactual: ``out``, or one in ``runs`` that names what it is."""
     scenario = prepared.scenario
     name = f"{scenario.name}-{label_of(prepared.name)}-s{scenario.seed}"
-    return Place(out, f"{name}-fork-{at.episode}-{at.step}-{label_of(other_name)}")
+    return RunPlace(out, f"{name}-fork-{at.episode}-{at.step}-{label_of(other_name)}")
 
 
 def write_branches(
-    branches: Branches, place: Place, advance: Callable[[], None] = lambda: None
+    branches: Branches, place: RunPlace, advance: Callable[[], None] = lambda: None
 ) -> tuple[Path, Forked]:
     """Play both branches and write their run folders, with ``fork.json``, into one folder.
 
     Nothing is left if the command fails or is interrupted.
     """
     with place.draft() as draft:
-        drafts = [Draft(draft.path / name) for name in BRANCHES]
+        drafts = [RunDraft(draft.path / name) for name in BRANCHES]
         for each in drafts:
             each.path.mkdir()
         with drafts[0].tables() as first, drafts[1].tables() as second:

@@ -44,16 +44,16 @@ class Stop:
 
     def __init__(self, what: str) -> None:
         self._what = what
-        self._asked = self._now = self._busy = False
+        self._pending = self._now = self._busy = False
 
     def __call__(self) -> bool:
         """Return whether a signal has asked for the end."""
-        return self._asked
+        return self._pending
 
     def note(self, number: int, frame: FrameType | None) -> None:
         """Note a signal; the second one raises KeyboardInterrupt."""
-        if not self._asked:
-            self._asked = True
+        if not self._pending:
+            self._pending = True
             if os.isatty(2):  # without print, as a signal may interrupt another print
                 os.write(
                     2, f"\nending after {self._what}; press Ctrl-C again to end now\n".encode()
@@ -91,10 +91,10 @@ def asked_to_stop(what: str) -> Iterator[Stop]:
 @contextmanager
 def undisturbed() -> Iterator[None]:
     """Run a short block without interruption; a KeyboardInterrupt is raised after it."""
-    asked = []
-    with _handled(lambda number, frame: asked.append(number)):
+    signals = []
+    with _handled(lambda number, frame: signals.append(number)):
         yield
-    if asked:
+    if signals:
         raise KeyboardInterrupt
 
 
@@ -114,10 +114,10 @@ def _handled(note: Callable[[int, FrameType | None], None]) -> Iterator[None]:
 
 def asking() -> list[int]:
     """Return the signals that ask for the end, without those that are ignored or used otherwise."""
-    found = [number for name in ALWAYS if (number := getattr(signal, name, None)) is not None]
+    numbers = [number for name in ALWAYS if (number := getattr(signal, name, None)) is not None]
     others = [number for name in UNLESS_USED if (number := getattr(signal, name, None)) is not None]
     return [
-        *[number for number in found if signal.getsignal(number) is not signal.SIG_IGN],
+        *[number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN],
         *[number for number in others if _is_ours(signal.getsignal(number))],
     ]
 
@@ -187,27 +187,27 @@ class _Worker(threading.Thread):
     def __init__(self, items: Iterator[Any]) -> None:
         super().__init__(daemon=True)
         self._items = items
-        self._asked: SimpleQueue[bool] = SimpleQueue()
-        self._made: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
+        self._requests: SimpleQueue[bool] = SimpleQueue()
+        self._outcomes: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
         self._busy = False
 
     def run(self) -> None:
         """Make items on demand until ``end`` is called."""
         with suppress(KeyboardInterrupt):  # raised by ``end``, perhaps between two items
-            while self._asked.get():
+            while self._requests.get():
                 try:
-                    made: tuple[Any, BaseException | None] = next(self._items, _END), None
+                    outcome: tuple[Any, BaseException | None] = next(self._items, _END), None
                 except BaseException as error:  # the main thread raises it again
-                    made = _END, error
-                self._made.put(made)
+                    outcome = _END, error
+                self._outcomes.put(outcome)
 
     def next(self) -> Any:
         """Return the next item, or ``_END``. Raises what making it raised, or KeyboardInterrupt."""
         self._busy = True
-        self._asked.put(True)
+        self._requests.put(True)
         while True:
             try:
-                item, error = self._made.get(timeout=LISTEN_S)
+                item, error = self._outcomes.get(timeout=LISTEN_S)
             except Empty:  # Python can handle signals here
                 continue
             self._busy = False
@@ -222,4 +222,4 @@ class _Worker(threading.Thread):
             ctypes.pythonapi.PyThreadState_SetAsyncExc(
                 ctypes.c_ulong(self.ident or 0), ctypes.py_object(KeyboardInterrupt)
             )
-        self._asked.put(False)
+        self._requests.put(False)

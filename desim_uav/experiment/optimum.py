@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from desim_uav.errors import UsageError
 from desim_uav.experiment.bounds import bounds
 from desim_uav.model.mobility.mobility import Static
-from desim_uav.optimum.cover import FairCover, Places, cover, fair_cover, instant_bound
+from desim_uav.optimum.cover import FairCover, Spots, cover, fair_cover, instant_bound
 from desim_uav.optimum.discounted import optimal_return
 from desim_uav.optimum.gain import best_policy, long_run
 from desim_uav.optimum.graph import Forced, Graph, explore, unlimited
@@ -60,7 +60,7 @@ def optimum(
     world = build_world(scenario, scenario.effective_world_seed)
     lone = scenario.drone_count == 1 and static
     process = DroneProcess(world) if lone else None
-    found: dict[str, Any] = {
+    solution: dict[str, Any] = {
         "scenario": scenario.name,
         "seed": scenario.seed,
         "world_seed": scenario.effective_world_seed,
@@ -73,18 +73,18 @@ def optimum(
         "runs_refused": None,
     }
     if bounds_runs(scenario):
-        drawn = range(scenario.seed, scenario.seed + seeds)
+        all_seeds = range(scenario.seed, scenario.seed + seeds)
         try:
-            found["runs"] = bounds(scenario, drawn, episodes, on_work=on_work)
+            solution["runs"] = bounds(scenario, all_seeds, episodes, on_work=on_work)
         except UsageError as error:
             if not static:
                 raise
-            found["runs_refused"] = str(error)
+            solution["runs_refused"] = str(error)
     if process is not None:
-        found["one_drone"] = _one_drone(world, process)
+        solution["one_drone"] = _one_drone(world, process)
         if not scenario.limited_battery:
-            found["discounted"] = _discounted(world, process)
-    return found
+            solution["discounted"] = _discounted(world, process)
+    return solution
 
 
 def bounds_runs(scenario: Scenario) -> bool:
@@ -95,7 +95,7 @@ def bounds_runs(scenario: Scenario) -> bool:
 
 def _covers(world: World) -> dict[str, Any]:
     """Return the best cells for drones that hover, by QoE3 and, if it is the reward, by R1."""
-    places, users = Places(world), len(world.homes)
+    places, users = Spots(world), len(world.homes)
     best = cover(places)
     fair = fair_cover(places) if world.scenario.reward == Coverage() else None
     return {

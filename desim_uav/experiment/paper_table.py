@@ -13,7 +13,7 @@ from desim_uav.experiment.published import POLICIES, PUBLISHED, best_qoe3
 from desim_uav.experiment.statistics import Estimate, estimate, paired
 from desim_uav.model.sums import in_order
 
-Row = dict[str, Any]
+PaperRow = dict[str, Any]
 
 LEARNED = POLICIES[1:]
 LAST = ("last_qoe1_percent", "last_qoe2_iterations", "last_qoe3_percent")
@@ -23,7 +23,7 @@ MOST_CRASHES_WITH_NOISE = 0.10
 NOISY_CASE = 9
 
 
-class Line(NamedTuple):
+class PaperLine(NamedTuple):
     """A policy in a case: its estimates over the seeds, and the values that the paper printed."""
 
     case: int
@@ -45,16 +45,16 @@ class Claim(NamedTuple):
     gate: bool = True
 
 
-def lines(rows: Sequence[Row]) -> list[Line]:
+def lines(rows: Sequence[PaperRow]) -> list[PaperLine]:
     """Return a line for each case, preset and policy that has rows."""
-    groups: dict[tuple[int, str, int], list[Row]] = {}
+    groups: dict[tuple[int, str, int], list[PaperRow]] = {}
     for row in rows:
         key = row["case"], row["preset"], POLICIES.index(row["policy"])
         groups.setdefault(key, []).append(row)
     bounds = (key for key in rows[0] if key.startswith(("cover_", "fair_")))
     names = [*MEASURES, *LAST, *bounds]
     return [
-        Line(
+        PaperLine(
             case,
             preset,
             POLICIES[number],
@@ -65,52 +65,56 @@ def lines(rows: Sequence[Row]) -> list[Line]:
     ]
 
 
-def claims(rows: Sequence[Row]) -> list[Claim]:
+def claims(rows: Sequence[PaperRow]) -> list[Claim]:
     """Return the claims about our own training (without the paper's preset) in these cases."""
     ours = [row for row in rows if row["preset"] == "default"]
     cases = sorted({row["case"] for row in ours})
-    found = [claim for case in cases for claim in _claims_of(case, ours)]
+    verdicts = [claim for case in cases for claim in _claims_of(case, ours)]
     if {8, 9} <= set(cases):
-        found += _claims_of_the_paper(ours)
-    return found
+        verdicts += _claims_of_the_paper(ours)
+    return verdicts
 
 
-def _claims_of(case: int, rows: Sequence[Row]) -> list[Claim]:
+def _claims_of(case: int, rows: Sequence[PaperRow]) -> list[Claim]:
     learned = _values(rows, case, "q_learning")
-    found = []
+    verdicts = []
     if case in LEAST_OF_BEST_COVER:
         share = [r["qoe3_percent"] / r["cover_qoe3_percent"] for r in learned]
         least = LEAST_OF_BEST_COVER[case]
-        reached = estimate(share)
+        interval = estimate(share)
         text = f"case {case}: Q-learning's QoE3 is at least {least:g} of the best cover"
-        found.append(Claim(text, _words(reached, 3), _at_least(reached.mean, least)))
-        return found
+        verdicts.append(Claim(text, _words(interval, 3), _at_least(interval.mean, least)))
+        return verdicts
     baseline = _values(rows, case, "baseline")
     qoe1 = "qoe1_feasible_percent" if case >= 8 else "qoe1_percent"
     for name, label in ((qoe1, "QoE1" if case < 8 else "feasible QoE1"), ("qoe3_percent", "QoE3")):
         more = paired([r[name] for r in learned], [r[name] for r in baseline])
         text = f"case {case}: Q-learning beats the baseline on {label}"
-        found.append(Claim(text, f"{_words(more, 1)} points", (more.low or 0.0) > 0.0))
-    reached = estimate(r["qoe3_percent"] for r in learned)
+        verdicts.append(Claim(text, f"{_words(more, 1)} points", (more.low or 0.0) > 0.0))
+    interval = estimate(r["qoe3_percent"] for r in learned)
     text = f"case {case}: Q-learning reaches the best published QoE3, {best_qoe3(case):g} %"
-    found.append(Claim(text, f"{_words(reached, 1)} %", _at_least(reached.mean, best_qoe3(case))))
+    verdicts.append(
+        Claim(text, f"{_words(interval, 1)} %", _at_least(interval.mean, best_qoe3(case)))
+    )
     crashes = estimate(r["crashes_per_drone_episode"] for r in learned)
     most = MOST_CRASHES_WITH_NOISE if case == NOISY_CASE else MOST_CRASHES
     text = f"case {case}: at most {most:g} crashes per drone and episode"
-    found.append(Claim(text, _words(crashes, 3), crashes.mean is not None and crashes.mean <= most))
-    return found
+    verdicts.append(
+        Claim(text, _words(crashes, 3), crashes.mean is not None and crashes.mean <= most)
+    )
+    return verdicts
 
 
-def _claims_of_the_paper(rows: Sequence[Row]) -> list[Claim]:
+def _claims_of_the_paper(rows: Sequence[PaperRow]) -> list[Claim]:
     """Return the paper's claims: on crashes with position error, and on the baseline."""
-    found = []
+    verdicts = []
     for policy in LEARNED:
         more = paired(
             [r["crashes_per_drone_episode"] for r in _values(rows, 9, policy)],
             [r["crashes_per_drone_episode"] for r in _values(rows, 8, policy)],
         )
         text = f"the paper: crashes rise with the position error (case 9 against 8, {policy})"
-        found.append(Claim(text, _words(more, 3), (more.low or 0.0) > 0.0, gate=False))
+        verdicts.append(Claim(text, _words(more, 3), (more.low or 0.0) > 0.0, gate=False))
     for name, label, cases in (
         ("qoe1_percent", "the baseline's QoE1 is the worst", range(1, 10)),
         ("qoe3_percent", "the baseline's QoE3 is the worst", range(1, 10)),
@@ -121,11 +125,11 @@ def _claims_of_the_paper(rows: Sequence[Row]) -> list[Claim]:
             more = paired(_over_cases(among, policy, name), _over_cases(among, "baseline", name))
             where = f"mean over cases {cases[0]}-{cases[-1]}"
             text = f"the paper: {label} ({where}, against {policy})"
-            found.append(Claim(text, _words(more, 3), (more.low or 0.0) > 0.0, gate=False))
-    return found
+            verdicts.append(Claim(text, _words(more, 3), (more.low or 0.0) > 0.0, gate=False))
+    return verdicts
 
 
-def _over_cases(rows: Sequence[Row], policy: str, name: str) -> list[float]:
+def _over_cases(rows: Sequence[PaperRow], policy: str, name: str) -> list[float]:
     """Return a policy's mean over all cases for each seed; the seed is the replication."""
     by_seed: dict[int, list[float]] = {}
     for row in rows:
@@ -134,7 +138,7 @@ def _over_cases(rows: Sequence[Row], policy: str, name: str) -> list[float]:
     return [in_order(values) / len(values) for _, values in sorted(by_seed.items())]
 
 
-def _values(rows: Sequence[Row], case: int, policy: str) -> list[Row]:
+def _values(rows: Sequence[PaperRow], case: int, policy: str) -> list[PaperRow]:
     """Return the rows of a policy in a case, ordered by seed."""
     of_policy = [row for row in rows if row["case"] == case and row["policy"] == policy]
     return sorted(of_policy, key=lambda row: int(row["seed"]))
@@ -151,7 +155,7 @@ def _words(value: Estimate, digits: int) -> str:
     return f"{value.mean:.{digits}f}{half}"
 
 
-def rows_csv(rows: Sequence[Row]) -> str:
+def rows_csv(rows: Sequence[PaperRow]) -> str:
     """Return the rows as CSV, one per job, ordered by preset, case, policy and seed."""
     ordered = sorted(
         rows, key=lambda r: (r["preset"], r["case"], POLICIES.index(r["policy"]), r["seed"])
@@ -160,7 +164,7 @@ def rows_csv(rows: Sequence[Row]) -> str:
     return _csv(columns, [[row.get(name) for name in columns] for row in ordered])
 
 
-def table_csv(table: Sequence[Line]) -> str:
+def table_csv(table: Sequence[PaperLine]) -> str:
     """Return the table as CSV: means, half-widths and the published values of each line."""
     measures = list(table[0].estimates)
     columns = ["case", "preset", "policy", "seeds"]
@@ -169,11 +173,11 @@ def table_csv(table: Sequence[Line]) -> str:
     return _csv(columns, [_cells(line, measures) for line in table])
 
 
-def _cells(line: Line, measures: Sequence[str]) -> list[Any]:
+def _cells(line: PaperLine, measures: Sequence[str]) -> list[Any]:
     estimates = [line.estimates[name] for name in measures]
-    found = [value for one in estimates for value in (one.mean, one.half_width)]
+    numbers = [value for one in estimates for value in (one.mean, one.half_width)]
     seeds = line.estimates["qoe3_percent"].n
-    return [line.case, line.preset, line.policy, seeds, *found, *line.published]
+    return [line.case, line.preset, line.policy, seeds, *numbers, *line.published]
 
 
 def _csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
@@ -190,27 +194,27 @@ HEADINGS = (
 )
 
 
-def cells(line: Line) -> list[str]:
+def cells(line: PaperLine) -> list[str]:
     """Return a line as text, one cell for each of ``HEADINGS``."""
-    found = line.estimates
-    cover = found.get("cover_qoe3_percent", Estimate(0, None, None))
-    last = [mean for mean in (found[name].mean for name in LAST) if mean is not None]
+    estimates = line.estimates
+    cover = estimates.get("cover_qoe3_percent", Estimate(0, None, None))
+    last = [mean for mean in (estimates[name].mean for name in LAST) if mean is not None]
     return [
         str(line.case),
         line.policy.replace("_", "-") + (" (paper)" if line.preset == "paper" else ""),
-        _words(found["qoe1_percent"], 1),
-        _words(found["qoe1_feasible_percent"], 1),
-        _words(found["qoe2_iterations"], 2),
-        _words(found["qoe3_percent"], 1),
+        _words(estimates["qoe1_percent"], 1),
+        _words(estimates["qoe1_feasible_percent"], 1),
+        _words(estimates["qoe2_iterations"], 2),
+        _words(estimates["qoe3_percent"], 1),
         "" if cover.mean is None else f"{cover.mean:.1f}",
-        _words(found["crashes_per_drone_episode"], 3),
+        _words(estimates["crashes_per_drone_episode"], 3),
         "{:.0f}, {:.1f}, {:.0f}".format(*last) if len(last) == len(LAST) else "",
         "{:g}, {:g}, {:g}".format(*line.published),
     ]
 
 
 def markdown(
-    table: Sequence[Line], found: Sequence[Claim], seeds: Collection[int], command: str
+    table: Sequence[PaperLine], claims: Sequence[Claim], seeds: Collection[int], command: str
 ) -> str:
     """Return the table and the claims as Markdown, with the seeds and the command."""
     parts = [
@@ -225,7 +229,7 @@ def markdown(
         "| " + " | ".join("---" for _ in HEADINGS) + " |",
     ]
     parts += ["| " + " | ".join(cells(line)) + " |" for line in table]
-    if found:
+    if claims:
         parts += ["", "| claim | found | holds |", "| --- | --- | --- |"]
-        parts += [f"| {c.text} | {c.found} | {'yes' if c.holds else '**no**'} |" for c in found]
+        parts += [f"| {c.text} | {c.found} | {'yes' if c.holds else '**no**'} |" for c in claims]
     return "\n".join(parts) + "\n"

@@ -74,11 +74,11 @@ def _path(source: Drawable, kind: str) -> Path:
     raise UsageError(f"{kind}: {what} cannot be drawn so; give a result or a folder")
 
 
-def _policy(given: Drawable, **options: Any) -> Figure:
+def _policy(drawable: Drawable, **options: Any) -> Figure:
     """Draw the table in a file, in the folder of a training, or of a shipped name."""
     from desim_uav.report.figures import policy_figure
 
-    source = _path(given, "policy")
+    source = _path(drawable, "policy")
     if source.is_dir() and not (source / "policy.npz").exists():
         raise PolicyError(f"{source}: not a training folder: it has no policy.npz")
     file = source / "policy.npz" if source.is_dir() else find_table(str(source))
@@ -185,12 +185,12 @@ def draw(
     show_progress: bool = True,
 ) -> Figure:
     """Draw a figure. Options that are None are ignored. Raises as ``plot`` does."""
-    found = chosen(kind, len(sources), options)
-    asked = {key: value for key, value in options.items() if value is not None}
-    if found.again:
-        asked["show_progress"] = show_progress
+    entry = chosen(kind, len(sources), options)
+    settings = {key: value for key, value in options.items() if value is not None}
+    if entry.again:
+        settings["show_progress"] = show_progress
     source = sources[0] if sources else None
-    return found.draw(list(sources) if found.several else source, **asked)
+    return entry.draw(list(sources) if entry.several else source, **settings)
 
 
 def chosen(kind: str, sources: int, options: Mapping[str, Any]) -> Kind:
@@ -199,18 +199,18 @@ def chosen(kind: str, sources: int, options: Mapping[str, Any]) -> Kind:
         raise UsageError(
             f"unknown figure {kind!r}{did_you_mean(kind, KINDS)}; allowed: {', '.join(KINDS)}"
         )
-    found = KINDS[kind]
+    entry = KINDS[kind]
     for key, value in options.items():
-        if value is not None and key not in found.options:
+        if value is not None and key not in entry.options:
             of = [name for name, other in KINDS.items() if key in other.options]
             raise UsageError(
                 f"--{key.replace('_', '-')} is an option of {', '.join(of)}, not of {kind}"
             )
-    if not sources and not found.optional:
+    if not sources and not entry.optional:
         raise UsageError(f"{kind}: give a folder to draw: desim-uav plot {kind} RUN")
-    if sources > 1 and not found.several:
+    if sources > 1 and not entry.several:
         raise UsageError(f"{kind}: give one folder, not {sources}")
-    return found
+    return entry
 
 
 def film(
@@ -234,21 +234,21 @@ def film(
     from desim_uav.report import video
     from desim_uav.report.playback import Playback
 
-    asked = [(gif, ".gif", video.write_gif), (mp4, ".mp4", video.write_mp4)]
-    wanted = [(out, end, write) for out, end, write in asked if out is not None]
-    if not wanted:
+    films = [(gif, ".gif", video.write_gif), (mp4, ".mp4", video.write_mp4)]
+    outputs = [(out, end, write) for out, end, write in films if out is not None]
+    if not outputs:
         raise UsageError("name the file to write: --gif FILE.gif or --mp4 FILE.mp4")
-    for out, end, _ in wanted:
+    for out, end, _ in outputs:
         if out.suffix.lower() != end:
             raise UsageError(f"--{end[1:]} {out}: the file's name must end in {end}")
     if mp4 is not None:
         video.need_ffmpeg()
-    places = [file_place(out, f"--{end[1:]}") for out, end, _ in wanted]
+    places = [file_place(out, f"--{end[1:]}") for out, end, _ in outputs]
     run = playable(source, show_progress)
     number = run.episode(episode)
     run.need([number])
-    made = video.Film(Playback(run, number), fps, speed, width)
-    with progress(show_progress, len(made) * len(wanted), "frames") as advance:
-        for place, (_, _, write) in zip(places, wanted, strict=True):
-            write(made, place, advance)
-    return [out for out, *_ in wanted]
+    frames = video.Film(Playback(run, number), fps, speed, width)
+    with progress(show_progress, len(frames) * len(outputs), "frames") as advance:
+        for place, (_, _, write) in zip(places, outputs, strict=True):
+            write(frames, place, advance)
+    return [out for out, *_ in outputs]

@@ -17,7 +17,7 @@ RECENT = 50
 """The number of episodes that a training's bar averages over."""
 
 
-class Row(Protocol):
+class ProgressRow(Protocol):
     """The measures of a drone in a training's episode (see ``learning.training.Progress``)."""
 
     @property
@@ -60,13 +60,13 @@ class TrainingBar:
 
     def __init__(self, update: Update) -> None:
         self.update = update
-        self.recent: deque[Sequence[Row]] = deque(maxlen=RECENT)
+        self.recent: deque[Sequence[ProgressRow]] = deque(maxlen=RECENT)
 
     def start(self, episode: int) -> None:
         """Continue from this episode."""
         self.update(lambda: "episodes", completed=episode)
 
-    def advance(self, rows: Sequence[Row]) -> None:
+    def advance(self, rows: Sequence[ProgressRow]) -> None:
         """Note an episode that has ended, with a row per drone."""
         self.recent.append(rows)
         self.update(self.text)

@@ -52,22 +52,22 @@ def command(words: Sequence[str]) -> list[str]:
     """
     root = Path(__file__).resolve().parents[2]
 
-    def told(word: str) -> str:
+    def portable(word: str) -> str:
         path = Path(word)
         if path.suffix == ".npz" or (path.is_absolute() and not path.is_relative_to(root)):
             return path.name
         return path.relative_to(root).as_posix() if path.is_absolute() else word
 
-    return list(map(told, words))
+    return list(map(portable, words))
 
 
 def processor() -> str:
     """Return the name of the processor, with its family and model if the system tells them."""
-    told = Path("/proc/cpuinfo")
-    lines = told.read_text(encoding="utf-8").splitlines() if told.exists() else []
+    file = Path("/proc/cpuinfo")
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     pairs = [line.partition(":") for line in lines]
-    found = {key.strip(): value.strip() for key, _, value in pairs}
-    name = found.get("model name") or platform.processor() or platform.machine()
+    facts = {key.strip(): value.strip() for key, _, value in pairs}
+    name = facts.get("model name") or platform.processor() or platform.machine()
     return ", ".join(
-        [name, *(f"{key} {found[key]}" for key in ("cpu family", "model") if key in found)]
+        [name, *(f"{key} {facts[key]}" for key in ("cpu family", "model") if key in facts)]
     )

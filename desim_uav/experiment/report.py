@@ -78,10 +78,10 @@ def _link(folder: Path, page: Path) -> str:
 
 def _by_service(runs: Sequence[Reported], content: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the estimates over seeds for each service and policy."""
-    found: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    rows_of: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for run in runs:
         for row in qoe.grouped(run.counted("requests"), "service"):
-            found.setdefault((row["service"], run.summary["policy"]), []).append(row)
+            rows_of.setdefault((row["service"], run.summary["policy"]), []).append(row)
     order = [row["policy"] for row in content["policies"]]
     return [
         {
@@ -94,6 +94,6 @@ def _by_service(runs: Sequence[Reported], content: dict[str, Any]) -> list[dict[
             },
         }
         for (service, policy), rows in sorted(
-            found.items(), key=lambda item: (item[0][0], order.index(item[0][1]))
+            rows_of.items(), key=lambda item: (item[0][0], order.index(item[0][1]))
         )
     ]

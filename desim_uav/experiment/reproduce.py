@@ -27,7 +27,7 @@ from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.published import POLICIES, PUBLISHED
 from desim_uav.experiment.train.course import train
-from desim_uav.optimum.cover import Places, cover, fair_cover
+from desim_uav.optimum.cover import Spots, cover, fair_cover
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import scenario_path
@@ -83,25 +83,25 @@ def jobs(
     cases: Sequence[int], seeds: range, episodes: int | None, presets: Sequence[str | None]
 ) -> list[Job]:
     """List all jobs of a table, the long ones first."""
-    found = [
+    listing = [
         Job(case, policy, seed, preset, episodes)
         for preset in presets
         for case in sorted(cases, reverse=True)
         for policy in POLICIES
         for seed in seeds
     ]
-    return sorted(found, key=lambda job: job.policy == "baseline")
+    return sorted(listing, key=lambda job: job.policy == "baseline")
 
 
 def numbers(text: str) -> list[int]:
     """Return the cases of a text such as ``1-3,8``. Raises UsageError if it is malformed."""
-    found: set[int] = set()
+    cases: set[int] = set()
     for part in text.split(","):
         ends = [end.strip() for end in part.split("-")]
         if len(ends) > 2 or not all(end in CASES for end in ends) or ends[0] > ends[-1]:
             raise UsageError(f"--cases {text}: write 1-9, or 1,4,8; the paper has cases 1 to 9")
-        found.update(range(int(ends[0]), int(ends[-1]) + 1))
-    return sorted(found)
+        cases.update(range(int(ends[0]), int(ends[-1]) + 1))
+    return sorted(cases)
 
 
 def open_folder(folder: Path) -> None:
@@ -117,18 +117,18 @@ def open_folder(folder: Path) -> None:
 def report(rows: Sequence[dict[str, Any]], folder: Path, command: str) -> Report:
     """Make the table of the finished rows and write rows.csv, table.csv and table.md."""
     rows = [row | best_cover(row["case"], row["seed"]) for row in rows]
-    table, found = paper_table.lines(rows), paper_table.claims(rows)
+    table, claims = paper_table.lines(rows), paper_table.claims(rows)
     write_whole(folder / "rows.csv", paper_table.rows_csv(rows).encode())
     write_whole(folder / "table.csv", paper_table.table_csv(table).encode())
     seeds = {row["seed"] for row in rows}
-    write_whole(folder / "table.md", paper_table.markdown(table, found, seeds, command).encode())
-    return Report(table, found, folder)
+    write_whole(folder / "table.md", paper_table.markdown(table, claims, seeds, command).encode())
+    return Report(table, claims, folder)
 
 
 class Report(NamedTuple):
     """The paper's table, the claims about it, and its folder."""
 
-    table: list[paper_table.Line]
+    table: list[paper_table.PaperLine]
     claims: list[paper_table.Claim]
     folder: Path
 
@@ -184,8 +184,8 @@ def run_job(job: Job, folder: Path, engine: str = "auto") -> dict[str, Any]:
         row |= {f"last_{key}": _mean([getattr(one, key) for one in last]) for key in LAST_EPISODE}
     row |= evaluate(scenario, policy, job.seed, EPISODES, WARMUP, engine)
     file = folder / "jobs" / f"{job.name}.json"
-    kept = {"identity": job.identity(), "row": row, "sha256": of_row(row)}
-    content = json.dumps(kept, indent=1, allow_nan=False)
+    record = {"identity": job.identity(), "row": row, "sha256": of_row(row)}
+    content = json.dumps(record, indent=1, allow_nan=False)
     write_whole(file, content.encode())
     return row
 
@@ -199,28 +199,28 @@ def best_cover(case: int, seed: int) -> dict[str, float | None]:
     Values that do not apply are None.
     """
     scenario = load(scenario_path(f"case{case}"), [f"seed={seed}"])
-    found: dict[str, float | None] = dict.fromkeys(BEST_COVER)
+    measures: dict[str, float | None] = dict.fromkeys(BEST_COVER)
     if getattr(scenario.users.mobility, "kind", "") != "static":
-        return found
+        return measures
     world = build_world(scenario, scenario.effective_world_seed)
-    places, percent = Places(world), 100 / len(world.homes)
+    places, percent = Spots(world), 100 / len(world.homes)
     best = cover(places)
-    found["cover_qoe3_percent"] = percent * best.users if best.exact else None
+    measures["cover_qoe3_percent"] = percent * best.users if best.exact else None
     fair = None if scenario.limited_battery else fair_cover(places)
     if fair is not None:
         reward = fair.score / len(world.homes) / scenario.drone_count
-        found["fair_reward"] = reward * scenario.episode.steps
-        found["fair_qoe3_percent"] = percent * fair.users
-        found["fair_least_qoe3_percent"] = None if fair.least is None else percent * fair.least
-    return found
+        measures["fair_reward"] = reward * scenario.episode.steps
+        measures["fair_qoe3_percent"] = percent * fair.users
+        measures["fair_least_qoe3_percent"] = None if fair.least is None else percent * fair.least
+    return measures
 
 
 def _finished(job: Job, folder: Path) -> dict[str, Any] | None:
     """Return the row of this job if it was finished before, else None."""
     try:
-        found = json.loads((folder / "jobs" / f"{job.name}.json").read_text(encoding="utf-8"))
-        if (found["identity"], found["sha256"]) == (job.identity(), of_row(found["row"])):
-            return dict(found["row"])
+        record = json.loads((folder / "jobs" / f"{job.name}.json").read_text(encoding="utf-8"))
+        if (record["identity"], record["sha256"]) == (job.identity(), of_row(record["row"])):
+            return dict(record["row"])
     except (OSError, ValueError, KeyError, TypeError):
         pass
     return None

@@ -17,7 +17,7 @@ from desim_uav.policies.base import file_of
 from desim_uav.records import EPISODES, TABLES
 from desim_uav.registry import names
 from desim_uav.report.manifest import read_manifest, read_played_by
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import RunPlace
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import scenario_hash
 
@@ -103,9 +103,9 @@ class Begun:
             if number < checked:
                 advance()
                 continue
-            made = vars(run.tabulate(prepared.world, [played], keep_events))
+            tables = vars(run.tabulate(prepared.world, [played], keep_events))
             for name, frame in stored.items():
-                was, now = frame[frame["episode"] == number], made[name]
+                was, now = frame[frame["episode"] == number], tables[name]
                 if not as_arrow(name, now).equals(as_arrow(name, was)):
                     raise PolicyError(
                         f"{self.folder}: it cannot be continued: episode {number} in "
@@ -134,35 +134,37 @@ def begun(prepared: Prepared, how: How, folder: Path) -> Begun:
         "events": how.keep_events,
         "scenario_hash": scenario_hash(prepared.scenario),
     }
-    found = {**manifest, "events": (folder / "events.parquet").exists()}
+    record = {**manifest, "events": (folder / "events.parquet").exists()}
     for name, version in versions().items():
         if name != "platform":  # another machine computes the same
             now[f"version of {name}"] = version
-            found[f"version of {name}"] = dict(manifest.get("versions") or {}).get(name)
+            record[f"version of {name}"] = dict(manifest.get("versions") or {}).get(name)
     for what, value in now.items():
-        if found.get(what) != value:
+        if record.get(what) != value:
             raise PolicyError(
-                f"{folder}: it holds another run: {what} {found.get(what)!r}, not {value!r}"
+                f"{folder}: it holds another run: {what} {record.get(what)!r}, not {value!r}"
             )
     numbers = read_table(folder, "episodes", EPISODES)["episode"].tolist()
-    done = len(numbers) - how.warmup
-    if numbers != list(range(-how.warmup, done)) or not 0 < done <= how.episodes:
-        raise PolicyError(f"{folder}: it holds {done} episode(s), and {how.episodes} are asked for")
+    episodes = len(numbers) - how.warmup
+    if numbers != list(range(-how.warmup, episodes)) or not 0 < episodes <= how.episodes:
+        raise PolicyError(
+            f"{folder}: it holds {episodes} episode(s), and {how.episodes} are asked for"
+        )
     starts_afresh = not settings.carry_over and _forgets(prepared.name)
-    first = done - 1 if starts_afresh else -how.warmup
-    return Begun(folder, first, done, *_last_batch(prepared, folder, done))
+    first = episodes - 1 if starts_afresh else -how.warmup
+    return Begun(folder, first, episodes, *_last_batch(prepared, folder, episodes))
 
 
-def _last_batch(prepared: Prepared, folder: Path, done: int) -> tuple[int, tuple[int, int]]:
-    """Return the first episode of the last batch and its size, or ``done`` if it is complete."""
+def _last_batch(prepared: Prepared, folder: Path, episodes: int) -> tuple[int, tuple[int, int]]:
+    """Return the first episode of the last batch and its size, or ``episodes`` if it is whole."""
     *_, last = read_parts(folder, "episodes", EPISODES)
     numbers = last["episode"].tolist()
     logged = {"requests", "events"} & {*_there(folder)}
     rows = sum(len(_rows(folder, name, numbers[0])) for name in logged)
-    drawn = (draw(prepared.world, prepared.scenario.seed, number) for number in numbers)
-    rows += sum(len(path.walks.legs) for path in drawn)
+    paths = (draw(prepared.world, prepared.scenario.seed, number) for number in numbers)
+    rows += sum(len(path.walks.legs) for path in paths)
     is_complete = len(numbers) >= run.BATCH or rows >= run.ROWS
-    return (done, (0, 0)) if is_complete else (numbers[0], (len(numbers), rows))
+    return (episodes, (0, 0)) if is_complete else (numbers[0], (len(numbers), rows))
 
 
 def _forgets(policy: str) -> bool:
@@ -170,7 +172,7 @@ def _forgets(policy: str) -> bool:
     return policy in names("policy") or file_of(policy) is not None
 
 
-def unfinished(place: Place) -> Path:
+def unfinished(place: RunPlace) -> Path:
     """Return the folder of the last interrupted run among the possible places of a new one.
 
     Raises UsageError if there is none.

@@ -172,15 +172,15 @@ class Tally:
 
     def _derived(self) -> dict[str, float | None]:
         """Return those measures of ``DERIVED`` that the episodes have."""
-        found: dict[str, float | None] = {}
+        measures: dict[str, float | None] = {}
         if "conflicts" in self._sums:
-            found["least_distance_m"] = min(self._least_m, default=None)
+            measures["least_distance_m"] = min(self._least_m, default=None)
         if "energy_wh" in self._sums:
             served = self._sums["served_mbit"]
             used_j = 3600 * self._sums["energy_wh"]
-            known = self._energy_of_all and served > 0.0
-            found["j_per_mbit"] = used_j / served if known else None
-        return found
+            has_energy = self._energy_of_all and served > 0.0
+            measures["j_per_mbit"] = used_j / served if has_energy else None
+        return measures
 
     def headline(self) -> dict[str, Any]:
         """Return the measures over all episodes added so far."""

@@ -49,12 +49,12 @@ def _place(
     requests: pd.DataFrame, way_points: pd.DataFrame
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...]:
     """Return x and y of each request's user at its time, on the line between two way points."""
-    asked = requests[["episode", "user", "t_request_s"]].reset_index(drop=True)
-    asked = asked.reset_index(names="row").sort_values("t_request_s", kind="stable")
+    rows = requests[["episode", "user", "t_request_s"]].reset_index(drop=True)
+    rows = rows.reset_index(names="row").sort_values("t_request_s", kind="stable")
     points = way_points[["episode", "user", "t_s", "x_m", "y_m"]].sort_values("t_s", kind="stable")
     before, after = (
         pd.merge_asof(
-            asked,
+            rows,
             points,
             left_on="t_request_s",
             right_on="t_s",
@@ -66,7 +66,7 @@ def _place(
     before, after = before.fillna(after), after.fillna(before)
     passed_s = (before["t_request_s"] - before["t_s"]).to_numpy()
     leg_s = (after["t_s"] - before["t_s"]).to_numpy()
-    share = np.divide(passed_s, leg_s, out=np.zeros(len(asked)), where=leg_s > 0)
+    share = np.divide(passed_s, leg_s, out=np.zeros(len(rows)), where=leg_s > 0)
     starts, ends = (points[["x_m", "y_m"]].to_numpy() for points in (before, after))
     x_m, y_m = (starts + share[:, None] * (ends - starts)).T
     return x_m, y_m

@@ -134,7 +134,7 @@ def _charge_values(types: Sequence[DroneType]) -> dict[str, Callable[[Any], Any]
     """Return how columns of batteries follow from a record, given the type of each drone."""
 
     def in_seconds(name: str) -> Callable[[Any], Any]:
-        return lambda step: _over(getattr(step, name), types[step.drone].per_second)
+        return lambda step: _over(getattr(step, name), types[step.drone].drain_per_s)
 
     def in_wh(name: str) -> Callable[[Any], Any]:
         return lambda step: (
@@ -142,10 +142,10 @@ def _charge_values(types: Sequence[DroneType]) -> dict[str, Callable[[Any], Any]
         )
 
     return {
-        "battery_s": in_seconds("battery_us"),
-        "battery_wh": in_wh("battery_us"),
-        "n_b_s": in_seconds("return_us"),
-        "n_b_wh": in_wh("return_us"),
+        "battery_s": in_seconds("charge"),
+        "battery_wh": in_wh("charge"),
+        "n_b_s": in_seconds("return_drain"),
+        "n_b_wh": in_wh("return_drain"),
         "energy_wh": lambda step: step.used if types[step.drone].in_joules else None,
     }
 
@@ -271,8 +271,8 @@ def users_table(paths: Sequence[SamplePath], world: World) -> pd.DataFrame:
 def _way_points(path: SamplePath, world: World) -> NDArray[np.float64]:
     legs, offsets = path.walks
     user = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    begun = legs[:, T0_US] <= world.horizon_us
-    legs, user = legs[begun], user[begun]
+    underway = legs[:, T0_US] <= world.horizon_us
+    legs, user = legs[underway], user[underway]
     last = np.flatnonzero(np.diff(user, append=-1))  # each user's last leg begun in the episode
     goes_on = last[legs[last, T0_US] < world.horizon_us]
     ends = legs[goes_on]

@@ -6,7 +6,7 @@ import inspect
 from typing import Any, Protocol, cast
 
 from desim_uav.errors import ScenarioError
-from desim_uav.learning.rows import Lesson, Values
+from desim_uav.learning.rows import Lesson, QValues
 from desim_uav.registry import resolve
 
 MOST_TABLES = 16
@@ -18,7 +18,7 @@ class Algorithm(Protocol):
     tables: int
 
     @staticmethod
-    def update(q: Values, lesson: Lesson) -> None:
+    def update(q: QValues, lesson: Lesson) -> None:
         """Change the values ``q[table, state, action]`` of a drone after a lesson.
 
         It is compiled if it uses only numbers and the fields of ``lesson``; else Python runs it.

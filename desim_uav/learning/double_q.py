@@ -1,6 +1,6 @@
 """Double Q-learning (van Hasselt, 2010): one table chooses the next action, the other values it."""
 
-from desim_uav.learning.rows import Lesson, Values
+from desim_uav.learning.rows import Lesson, QValues
 from desim_uav.registry import register
 
 
@@ -11,7 +11,7 @@ class DoubleQ:
     tables = 2
 
     @staticmethod
-    def update(q: Values, lesson: Lesson) -> None:
+    def update(q: QValues, lesson: Lesson) -> None:
         """Update the table A that a coin chooses, with the values of the other table B.
 
         A(s, a) += α (gained + discount · B(s', argmax A(s', ·)) - A(s, a)).

@@ -2,7 +2,7 @@
 
 import math
 
-from desim_uav.learning.rows import Lesson, Values
+from desim_uav.learning.rows import Lesson, QValues
 from desim_uav.registry import register
 
 
@@ -13,7 +13,7 @@ class ExpectedSarsa:
     tables = 1
 
     @staticmethod
-    def update(q: Values, lesson: Lesson) -> None:
+    def update(q: QValues, lesson: Lesson) -> None:
         """Update a value by the expected value of the next ε-greedy choice.
 
         Q(s, a) += α (gained + discount · ((1 - ε) max Q(s', ·) + ε mean Q(s', ·)) - Q(s, a)).

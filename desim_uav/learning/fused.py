@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.compiled.calls import constants_at, path_at, state_at
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.learning import learner
-from desim_uav.learning.rows import Episode, Lesson, Values
+from desim_uav.learning.rows import EpisodeRow, Lesson, QValues
 from desim_uav.model.observations import row_or_none
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.compiled_rows import address_of, call, pointer_to
@@ -30,10 +30,10 @@ Floats = NDArray[np.float64]
 RESULTS = 6
 """The number of results of a drone's episode: reward, sum of values, QoE1 to QoE3 and crashes."""
 
-episode_at: Any = pointer_to(Episode)
+episode_at: Any = pointer_to(EpisodeRow)
 
 
-class Compiled(NamedTuple):
+class CompiledTraining(NamedTuple):
     """The compiled engine: its rows, and the random numbers of an episode (drones, epochs, 3)."""
 
     world: Any
@@ -61,7 +61,7 @@ def play(
     """
     w, s, learning = constants_at(world), state_at(state), episode_at(episode)
     for k in range(len(paths)):
-        engine = Compiled(w, path_at(paths[k]), s, draws[k])
+        engine = CompiledTraining(w, path_at(paths[k]), s, draws[k])
         if k > 0 and (learning.terminated or parameters[k - 1, 2]):
             call(w.run, (w, engine.path, s, START_AFRESH))
         learner.play(engine, learning, parameters[k])
@@ -100,7 +100,7 @@ def _step(engine: Any, episode: Any) -> Any:
 
 
 @rule
-def _show(engine: Compiled, episode: Episode) -> None:
+def _show(engine: CompiledTraining, episode: EpisodeRow) -> None:
     """Write a decision epoch into the rows of the learners."""
     world, state = engine.world, engine.state
     episode.terminated, episode.truncated = state.terminated, state.truncated
@@ -111,8 +111,8 @@ def _show(engine: Compiled, episode: Episode) -> None:
         lesson = one.lesson
         for k in range(len(lesson.allowed)):
             lesson.allowed[k] = state.masks[d * len(lesson.allowed) + k]
-        drawn = engine.draws[d, state.step]
-        one.explore, one.which, lesson.coin = drawn[0], drawn[1], drawn[2]
+        uniforms = engine.draws[d, state.step]
+        one.explore, one.which, lesson.coin = uniforms[0], uniforms[1], uniforms[2]
         one.lost = int(mode == CRASHED and own.on_crash == REMOVES)
         one.decides = 1 - state.observations[d].forced
         if one.decides:
@@ -130,4 +130,4 @@ def compiled_update(algorithm: Any) -> int:
         update(q, lesson)
 
     owner = owner_of(algorithm)
-    return address_of(own_kernel(updated, algorithm), Values, Lesson, owner=owner)
+    return address_of(own_kernel(updated, algorithm), QValues, Lesson, owner=owner)

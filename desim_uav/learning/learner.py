@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from desim_uav.learning.rows import Episode, Learner, value_of
+from desim_uav.learning.rows import EpisodeRow, Learner, value_of
 from desim_uav.model.decisions import discount_of
 from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import rule
@@ -26,7 +26,7 @@ Parameters = tuple[float, float, float]
 
 
 @rule
-def play(engine: Any, episode: Episode, parameters: Parameters) -> None:
+def play(engine: Any, episode: EpisodeRow, parameters: Parameters) -> None:
     """Play an episode and learn in it."""
     learners = episode.learners
     for d in range(len(learners)):
@@ -44,12 +44,12 @@ def play(engine: Any, episode: Episode, parameters: Parameters) -> None:
             close(episode, learners[d])
 
 
-def begin(engine: Any, episode: Episode) -> None:
+def begin(engine: Any, episode: EpisodeRow) -> None:
     """Begin an episode in an engine, and show the learners its first decision epoch."""
     engine.begin(episode)
 
 
-def step(engine: Any, episode: Episode) -> None:
+def step(engine: Any, episode: EpisodeRow) -> None:
     """Give the drones their commands, and show the learners the next decision epoch."""
     engine.step(episode)
 
@@ -121,7 +121,7 @@ def gain(learner: Learner) -> None:
 
 
 @rule
-def close(episode: Episode, learner: Learner) -> None:
+def close(episode: EpisodeRow, learner: Learner) -> None:
     """Learn from an open decision at the end of an episode whose drones are not carried over.
 
     A drone that could choose an action now learns with the value of its last state. Nothing is

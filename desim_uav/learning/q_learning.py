@@ -2,7 +2,7 @@
 
 import math
 
-from desim_uav.learning.rows import Lesson, Values
+from desim_uav.learning.rows import Lesson, QValues
 from desim_uav.registry import register
 
 
@@ -13,7 +13,7 @@ class QLearning:
     tables = 1
 
     @staticmethod
-    def update(q: Values, lesson: Lesson) -> None:
+    def update(q: QValues, lesson: Lesson) -> None:
         """Update a value by the largest value of the next state.
 
         Q(s, a) += α (gained + discount · max over allowed a' of Q(s', a') - Q(s, a)).

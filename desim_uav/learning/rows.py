@@ -13,14 +13,14 @@ from desim_uav.rowcode.compiled_rows import entries_at
 from desim_uav.rowcode.kernels import rule, stands_in_for
 from desim_uav.rowcode.rows import BoundedTable, Row, Table, row
 
-Place = tuple[int, int, int]
+QPlace = tuple[int, int, int]
 """A table, a state and an action."""
 
 BETWEEN.add(__name__)
 
 
 @row
-class Values(Row):
+class QValues(Row):
     """The values of a drone's actions in its Q-tables: ``q[table, state, action]``.
 
     They are stored in single precision; computations are in double precision. ``sum`` is the sum of
@@ -36,7 +36,7 @@ class Values(Row):
     actions: int
     sum: float
 
-    def __getitem__(self, place: Place) -> float:
+    def __getitem__(self, place: QPlace) -> float:
         """Return a value.
 
         A place that does not exist raises OutsideError for an algorithm of one's own; else
@@ -47,7 +47,7 @@ class Values(Row):
         return value
 
     @rule
-    def __setitem__(self, place: Place, value: float) -> None:
+    def __setitem__(self, place: QPlace, value: float) -> None:
         """Change a value.
 
         A place that does not exist raises OutsideError for an algorithm of one's own; else
@@ -59,22 +59,22 @@ class Values(Row):
         self.sum += value_of(self, state, action) - before
 
 
-class BoundedValues(Values):
+class BoundedValues(QValues):
     """Values that check each place."""
 
     __slots__ = ()
 
-    def __getitem__(self, place: Place) -> float:
+    def __getitem__(self, place: QPlace) -> float:
         """Return a value. Raises OutsideError if there is no such place."""
         self._require(place)
-        return Values.__getitem__(self, place)
+        return QValues.__getitem__(self, place)
 
-    def __setitem__(self, place: Place, value: float) -> None:
+    def __setitem__(self, place: QPlace, value: float) -> None:
         """Change a value. Raises OutsideError if there is no such place."""
         self._require(place)
-        Values.__setitem__(self, place, value)
+        QValues.__setitem__(self, place, value)
 
-    def _require(self, place: Place) -> None:
+    def _require(self, place: QPlace) -> None:
         for at, bound in zip(place, self.bounds, strict=True):
             require_inside(at, getattr(self, bound), f"the {bound}")
 
@@ -90,7 +90,7 @@ def bounded_update(update: Callable[[Any, Any], None]) -> Callable[[Any, Any], N
 
 
 @rule
-def value_of(q: Values, state: int, action: int) -> float:
+def value_of(q: QValues, state: int, action: int) -> float:
     """Return the value of an action in a state, which is the sum over the tables."""
     value = q[0, state, action]
     for table in range(1, q.tables):
@@ -98,7 +98,7 @@ def value_of(q: Values, state: int, action: int) -> float:
     return value
 
 
-def put(q: Values, place: Place, value: float) -> None:
+def put(q: QValues, place: QPlace, value: float) -> None:
     """Write a value into a table."""
     entries: Any = q.entries
     entries[place] = value
@@ -107,7 +107,7 @@ def put(q: Values, place: Place, value: float) -> None:
 singles_at = entries_at(np.float32)
 
 
-@stands_in_for(Values.__getitem__)
+@stands_in_for(QValues.__getitem__)
 def _getitem(q: Any, place: Any) -> Any:
     def getitem(q: Any, place: Any) -> float:
         k = _entry(q, place)
@@ -127,13 +127,13 @@ def _put(q: Any, place: Any, value: Any) -> Any:
 
 
 @rule
-def _entries(q: Values) -> Any:
+def _entries(q: QValues) -> Any:
     """Return all values as a table, in compiled code."""
     return singles_at(q.entries, q.tables * q.states * q.actions)
 
 
 @rule
-def _entry(q: Values, place: Place) -> int:
+def _entry(q: QValues, place: QPlace) -> int:
     """Return the number of the entry at a place, or a number below 0 if there is no such place."""
     table, state, action = place
     inside = _is_below(table, q.tables) & _is_below(state, q.states) & _is_below(action, q.actions)
@@ -181,7 +181,7 @@ class Learner(Row):
     the sum of its rewards in the episode so far.
     """
 
-    q: Values
+    q: QValues
     lesson: Lesson
     gamma: float
     update: int
@@ -196,7 +196,7 @@ class Learner(Row):
 
 
 @row
-class Episode(Row):
+class EpisodeRow(Row):
     """An episode in which drones learn, at a decision epoch.
 
     ``sizes`` holds the number of values of each feature of a state (see ``table_row``). ``lost``

@@ -1,6 +1,6 @@
 """SARSA (Rummery and Niranjan, 1994): learns from the value of the action taken next."""
 
-from desim_uav.learning.rows import Lesson, Values
+from desim_uav.learning.rows import Lesson, QValues
 from desim_uav.registry import register
 
 
@@ -11,7 +11,7 @@ class Sarsa:
     tables = 1
 
     @staticmethod
-    def update(q: Values, lesson: Lesson) -> None:
+    def update(q: QValues, lesson: Lesson) -> None:
         """Update a value by the value of the next action a' that is taken.
 
         Q(s, a) += α (gained + discount · Q(s', a') - Q(s, a)).

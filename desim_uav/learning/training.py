@@ -19,7 +19,7 @@ from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.learning.learner import Parameters, forget, play
 from desim_uav.learning.readable import Readable
-from desim_uav.learning.rows import BoundedValues, Episode, Learner, Values, bounded_update
+from desim_uav.learning.rows import BoundedValues, EpisodeRow, Learner, QValues, bounded_update
 from desim_uav.model.naming import naming
 from desim_uav.model.observations import Feature, common_features, table_row, table_sizes
 from desim_uav.model.random.streams import Purpose, Streams, uniforms_of
@@ -65,7 +65,7 @@ class Progress(NamedTuple):
     crashes: int
 
 
-Columns = Sequence[Sequence[Any]]
+TrainingColumns = Sequence[Sequence[Any]]
 """The results of ``fused.RESULTS``: each has one of every drone in every episode, in this order."""
 
 made = partial(tuple.__new__, Progress)
@@ -126,7 +126,7 @@ class Training:
             assert isinstance(self.engine, BatchSimulation)
             self.engine.make_room_for_rings()
             self.memory = packed(self.episode_row)
-            self.episode_row = View(self.memory, Episode)
+            self.episode_row = View(self.memory, EpisodeRow)
         self.learners = self.episode_row.learners
 
     def _compiled(self, algorithm: Any) -> int:
@@ -142,12 +142,12 @@ class Training:
             notice(f"learning.algorithm: {name!r} is not compiled, so training is slower: {why}")
             return 0
 
-    def _episode_row(self, compiled: int, algorithm: Any) -> Episode:
+    def _episode_row(self, compiled: int, algorithm: Any) -> EpisodeRow:
         """Return an episode before the first one; ``compiled``: the update's address, or 0."""
-        owner, values, update = owner_of(algorithm), Values, compiled or algorithm.update
+        owner, values, update = owner_of(algorithm), QValues, compiled or algorithm.update
         if owner and not compiled:
             values, update = BoundedValues, naming(owner, bounded_update(algorithm.update))
-        episode = blank(Episode)
+        episode = blank(EpisodeRow)
         episode.sizes = Table(self.sizes)
         for q in self.q:
             learner: Any = blank(Learner)
@@ -178,7 +178,7 @@ class Training:
         return self._rows(episodes, parameters, results)
 
     def _rows(
-        self, episodes: range, parameters: list[Parameters], results: Columns
+        self, episodes: range, parameters: list[Parameters], results: TrainingColumns
     ) -> list[Progress]:
         """Return a row per episode and drone, made of columns, which is faster than one by one."""
         drones, size = range(len(self.learners)), self.q[0].size
@@ -192,8 +192,8 @@ class Training:
         columns = (numbers, which, rewards, epsilons, alphas, means, *qoe, map(int, crashes))
         return list(map(made, zip(*columns, strict=True)))
 
-    def _learn(self, numbers: list[int], parameters: list[Parameters]) -> Columns:
-        """Learn in an episode; return the results of each drone (see ``Columns``)."""
+    def _learn(self, numbers: list[int], parameters: list[Parameters]) -> TrainingColumns:
+        """Learn in an episode; return the results of each drone (see ``TrainingColumns``)."""
         (number,), draws = numbers, self._draws(numbers)[0].swapaxes(0, 1).tolist()
         engine = Readable(self.engine, draw(self.world, self.seed, number), draws)
         play(engine, self.episode_row, parameters[0])
@@ -204,8 +204,8 @@ class Training:
         ]
         return list(zip(*of_drones, strict=True))
 
-    def _learn_compiled(self, numbers: list[int], parameters: list[Parameters]) -> Columns:
-        """Learn in episodes in compiled code; return the results (see ``Columns``)."""
+    def _learn_compiled(self, numbers: list[int], parameters: list[Parameters]) -> TrainingColumns:
+        """Learn in episodes in compiled code; return the results (see ``TrainingColumns``)."""
         engine = self.engine
         assert isinstance(engine, BatchSimulation)
         paths, starts = engine.prepare(draw_all(self.world, self.seed, numbers))
@@ -239,8 +239,8 @@ class Training:
     def _draws(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Return the random numbers of episodes, in [0, 1): (episodes, drones, epochs, DRAWS)."""
         count, epochs = len(self.learners), self.world.most_epochs + 1
-        drawn = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
-        return drawn.reshape(-1, count, epochs, DRAWS)
+        uniforms = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
+        return uniforms.reshape(-1, count, epochs, DRAWS)
 
     def remember(self) -> Memory:
         """Return the state on which all later episodes depend."""

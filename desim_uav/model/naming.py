@@ -23,7 +23,7 @@ def naming(owner: str, function: F) -> F:
         try:
             return function(*arguments)
         except OutsideError as fault:
-            raise OutsideError(owner, fault.of, fault.place, fault.met) from None
+            raise OutsideError(owner, fault.of, fault.place, fault.numbers) from None
         except IndexError as error:  # of NumPy or of a sequence
             what = what_failed(error)
             raise SimulationError(f"component {owner!r} failed: {what}") from error

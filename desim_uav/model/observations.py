@@ -122,10 +122,10 @@ def row_or_none(code: Sequence[float], sizes: Sequence[int]) -> int:
 
     Numbers that are missing at the end of ``code`` are 0.
     """
-    row, given = 0, len(code)
+    row, length = 0, len(code)
     for k in range(len(sizes)):
         row *= sizes[k]
-        if k < given:
+        if k < length:
             if not 0 <= code[k] < sizes[k]:
                 return -1
             row += int(code[k])

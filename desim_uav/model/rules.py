@@ -143,24 +143,24 @@ def actions(
     the first five or seven actions are those at the lowest speed, those at higher speeds follow,
     and the actions of charging are the last.
     """
-    chosen: list[Choice] = [Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT]
-    chosen.append(Action.HOVER)
+    choices: list[Choice] = [Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT]
+    choices.append(Action.HOVER)
     if three_d:
-        chosen += [Action.UP, Action.DOWN]
+        choices += [Action.UP, Action.DOWN]
     if cruise_mps:
-        plain, chosen = chosen, []
+        plain, choices = choices, []
         for number, speed in enumerate(cruise_mps):
             at_speed = [AtSpeed(kind_of(each), speed) if each in MOVES else each for each in plain]
-            chosen += [each for each in at_speed if number == 0 or each is not Action.HOVER]
+            choices += [each for each in at_speed if number == 0 or each is not Action.HOVER]
     if limited_battery:
-        chosen += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
-    return tuple(chosen)
+        choices += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
+    return tuple(choices)
 
 
 @cache
 def free_actions(limited_battery: bool) -> tuple[Action, ...]:
     """Return the 2 or 4 actions of a scenario in which drones fly freely."""
-    chosen = [Action.FLY, Action.HOVER]
+    choices = [Action.FLY, Action.HOVER]
     if limited_battery:
-        chosen += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
-    return tuple(chosen)
+        choices += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
+    return tuple(choices)

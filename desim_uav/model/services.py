@@ -117,26 +117,32 @@ def is_one_time(service: Service) -> bool:
 def problems_of(service: Any) -> list[str]:
     """Return what is wrong with the values and stages of a service of one's own."""
     values, stages = service.values(), service.stages()
-    found = [f"values: {name!r} is empty" for name, own in values.items() if len(own) == 0]
+    problems = [f"values: {name!r} is empty" for name, own in values.items() if len(own) == 0]
     if not stages:
-        found.append("stages must have at least one stage")
+        problems.append("stages must have at least one stage")
     for number, stage in enumerate(stages):
-        named = [("amount", stage.amount), ("times", stage.times), ("rate", stage.rate)]
-        found += [
+        fields = [("amount", stage.amount), ("times", stage.times), ("rate", stage.rate)]
+        problems += [
             f"stages: {number}: {key}: {name!r} must be one of {', '.join(values)}"
-            for key, name in named
+            for key, name in fields
             if name is not None and name not in values
         ]
         if stage.resource not in RESOURCES:
             allowed = ", ".join(RESOURCES)
-            found.append(f"stages: {number}: resource: {stage.resource!r} must be one of {allowed}")
+            problems.append(
+                f"stages: {number}: resource: {stage.resource!r} must be one of {allowed}"
+            )
         if stage.timed and stage.rate is None:
-            found.append(f"stages: {number}: needs a rate, because its amount is a time")
+            problems.append(f"stages: {number}: needs a rate, because its amount is a time")
         if stage.per < 1:
-            found.append(f"stages: {number}: per: {stage.per} must be at least 1")
-    if not found and len(stages) > 1 and all(amount_of(service, one).least < 1 for one in stages):
-        found.append("stages: one of them must always have an amount above 0")
-    return found
+            problems.append(f"stages: {number}: per: {stage.per} must be at least 1")
+    if (
+        not problems
+        and len(stages) > 1
+        and all(amount_of(service, one).least < 1 for one in stages)
+    ):
+        problems.append("stages: one of them must always have an amount above 0")
+    return problems
 
 
 def _bps(kbps: tuple[float, ...]) -> NDArray[np.int64]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from desim_uav.model.geometry.grid import Cell
 from desim_uav.optimum.footprints import Footprints, flown_to, moves
-from desim_uav.optimum.search import Held, Placement, best_cover, covered, greedy_cover
+from desim_uav.optimum.search import HeldPlaces, Placement, best_cover, covered, greedy_cover
 from desim_uav.optimum.shares import as_bits, best_shares, undominated
 from desim_uav.world import World
 
@@ -75,7 +75,7 @@ class FairCover:
         return self.score == self.at_most
 
 
-class Places:
+class Spots:
     """The different footprints of the cells that drones can reach, the largest first.
 
     ``held`` (footprints, users) says which users they contain; ``cells`` has the first cell of
@@ -87,19 +87,19 @@ class Places:
         self.footprints = Footprints(world)
         self.drones = world.scenario.drone_count
         self.users = len(world.homes)
-        held = self.footprints.by_cell()
+        users_of = self.footprints.by_cell()
         cells = sorted({(ix, iy) for ix, iy, _ in flown_to(world)})
-        rows = np.array([held[cell] for cell in cells])
+        rows = np.array([users_of[cell] for cell in cells])
         different = np.sort(np.unique(rows, axis=0, return_index=True)[1])
         order = different[np.argsort(-rows[different].sum(axis=1), kind="stable")]
-        self.held: Held = rows[order]
+        self.held: HeldPlaces = rows[order]
         self.cells = [cells[k] for k in order.tolist()]
 
     def cells_of(self, placement: Placement) -> list[Cell]:
         """Return the cells of a placement, in order."""
         return sorted(self.cells[k] for k in placement.tolist())
 
-    def on_the_way(self) -> Held:
+    def on_the_way(self) -> HeldPlaces:
         """Return the different footprints over and between cells."""
         sets = set()
         for leg in moves(self.world):
@@ -112,7 +112,7 @@ class Places:
         return np.unique(np.concatenate((self.held, between.astype(bool))), axis=0)
 
 
-def cover(places: Places, limit_s: float = LIMIT_S) -> Cover:
+def cover(places: Spots, limit_s: float = LIMIT_S) -> Cover:
     """Return the cells that cover most users.
 
     If the search gives up, the best cover found so far and a bound are returned. The result is at
@@ -122,30 +122,30 @@ def cover(places: Places, limit_s: float = LIMIT_S) -> Cover:
     return Cover(places.cells_of(placement), covered(places.held, placement), at_most)
 
 
-def instant_bound(places: Places, limit_s: float = LIMIT_S) -> int:
+def instant_bound(places: Spots, limit_s: float = LIMIT_S) -> int:
     """Return a number of attached users that no policy exceeds at any instant."""
     return _most_covered(places.on_the_way(), places.drones, limit_s)[1]
 
 
 def _most_covered(
-    held: Held, drones: int, limit_s: float, in_order: bool = False
+    covers: HeldPlaces, drones: int, limit_s: float, in_order: bool = False
 ) -> tuple[Placement, int]:
     """Return the best placement found, and an upper bound on the users that any one covers.
 
     ``in_order`` makes the choice among equally good placements a matter of their order.
     """
-    placement, bound = greedy_cover(held, drones)
-    users = covered(held, placement)
-    at_most = min(bound, int(users / GUARANTEE), int(held.any(axis=0).sum()))
-    if users < at_most and held.sum() <= MOST_PAIRS:
-        found, most = best_cover(held, drones, limit_s, in_order)
+    placement, bound = greedy_cover(covers, drones)
+    users = covered(covers, placement)
+    at_most = min(bound, int(users / GUARANTEE), int(covers.any(axis=0).sum()))
+    if users < at_most and covers.sum() <= MOST_PAIRS:
+        candidate, most = best_cover(covers, drones, limit_s, in_order)
         at_most = int(min(at_most, most))
-        if found is not None:
-            placement = max(found, placement, key=partial(covered, held))
+        if candidate is not None:
+            placement = max(candidate, placement, key=partial(covered, covers))
     return placement, at_most
 
 
-def fair_cover(places: Places, budget: int = BUDGET) -> FairCover | None:
+def fair_cover(places: Spots, budget: int = BUDGET) -> FairCover | None:
     """Return the cells that earn most by R1, or None if there are too many drones to search.
 
     If the result is exact, its cells cover the most users among all cells with this reward.
@@ -155,16 +155,16 @@ def fair_cover(places: Places, budget: int = BUDGET) -> FairCover | None:
         return None
     sets, base = as_bits(places.held), users + 1
     best, none = undominated(sets), np.zeros(drones, np.int64)
-    chosen, key, proven = best_shares(sets[best], drones, users, 1, none, -1, budget)
-    chosen = best[chosen]
+    indices, key, proven = best_shares(sets[best], drones, users, 1, none, -1, budget)
+    indices = best[indices]
     score, most = divmod(int(key), base)
     least = None
     if proven:
         # With sign -1 the key is score (users + 1) - covered, so that fewer users are better.
         start = score * base - most
-        _, key, proven_least = best_shares(sets, drones, users, -1, chosen, start, budget)
+        _, key, proven_least = best_shares(sets, drones, users, -1, indices, start, budget)
         least = score * base - int(key) if proven_least else None
     quota, rest = divmod(users, drones)
     top = (drones - rest) * drones * quota + rest * min(users, drones * (quota + 1))
-    cells = places.cells_of(chosen)
+    cells = places.cells_of(indices)
     return FairCover(cells, score, score if proven else top, most, least)

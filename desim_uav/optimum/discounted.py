@@ -24,7 +24,7 @@ from desim_uav.optimum.process import DroneProcess
 from desim_uav.world import World
 
 Array = NDArray[np.float64]
-Commands = NDArray[np.int64]
+CommandTable = NDArray[np.int64]
 T = TypeVar("T", np.float64, np.int64)
 
 ROUNDING = 16.0 * float(np.finfo(float).eps)
@@ -34,7 +34,7 @@ ROUNDS = 10_000
 """The most improvements of a policy; about as many are needed as there are steps across the map."""
 
 
-def optimal_return(world: World, gamma: float) -> tuple[Array, Commands]:
+def optimal_return(world: World, gamma: float) -> tuple[Array, CommandTable]:
     """Return the value of each place and the best command there, as tables (see the module).
 
     ``gamma`` in [0, 1) discounts each step except the first. A command is an index into
@@ -59,7 +59,7 @@ def optimal_return(world: World, gamma: float) -> tuple[Array, Commands]:
     return process.table(values, np.nan), process.table(commands, -1)
 
 
-def policy_return(world: World, gamma: float, policy: Commands) -> Array:
+def policy_return(world: World, gamma: float, policy: CommandTable) -> Array:
     """Return the value of each place under a table of commands, such as a learned policy."""
     process = _Places(world)
     commands = np.array([policy[index] for index in process.indices], np.int64)
@@ -92,7 +92,7 @@ class _Places:
         """Return the discounted return of earning the largest reward forever."""
         return float(np.abs(self.reward).max()) / (1.0 - gamma)
 
-    def values(self, policy: Commands, gamma: float) -> Array:
+    def values(self, policy: CommandTable, gamma: float) -> Array:
         """Return the discounted return from each node."""
         follows = self.leads[self.rows, policy]
         values: Array = self.reward[follows]

@@ -10,7 +10,7 @@ from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_a
 from desim_uav.model.geometry.crossings import crossings
 from desim_uav.model.geometry.relative import ENTERS, TIME_US, USER
 from desim_uav.model.mobility.mobility import Static
-from desim_uav.model.motion.motion import REST, Leg
+from desim_uav.model.motion.motion import REST, TransitLeg
 from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.optimum.paper_model import refuse_other_models
@@ -32,39 +32,39 @@ class Footprints:
         self.world = world
         users = len(world.homes)
         self.users = Users(*world.walks(world.seed, 0), np.zeros((SEEN_ROWS, users)))
-        self._found = np.empty((4 * len(world.homes) + 4, 3), np.int64)
+        self._buffer = np.empty((4 * len(world.homes) + 4, 3), np.int64)
 
     def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
         """Return the users in the footprint of a drone that hovers over a point."""
-        return self._crossings(Leg(REST, centre_m, centre_m, 0.0, 0.0), 0)[:, USER]
+        return self._crossings(TransitLeg(REST, centre_m, centre_m, 0.0, 0.0), 0)[:, USER]
 
-    def sets_along(self, leg: Leg, span_us: int) -> set[int]:
+    def sets_along(self, leg: TransitLeg, span_us: int) -> set[int]:
         """Return the largest sets of users in the footprint during a leg, user u as bit u.
 
         Users who enter and leave in the same microsecond all count as covered at once.
         """
-        found = self._crossings(leg, span_us)
-        order = np.lexsort((-found[:, ENTERS], found[:, TIME_US]))
-        held, grown, largest = 0, False, set()
-        for _, user, enters in found[order].tolist():
+        crossings = self._crossings(leg, span_us)
+        order = np.lexsort((-crossings[:, ENTERS], crossings[:, TIME_US]))
+        users, grown, largest = 0, False, set()
+        for _, user, enters in crossings[order].tolist():
             if grown and not enters:
-                largest.add(held)
-            held ^= 1 << user
+                largest.add(users)
+            users ^= 1 << user
             grown = bool(enters)
-        largest.add(held)
+        largest.add(users)
         return largest
 
-    def _crossings(self, leg: Leg, span_us: int) -> NDArray[np.int64]:
+    def _crossings(self, leg: TransitLeg, span_us: int) -> NDArray[np.int64]:
         """Return the entries and exits of a leg; users inside at its start enter then."""
         look_around(self.users, 0, span_us)
         route = (*leg.from_m, *leg.to_m)
         radius_m = self.world.only_type.drones.footprint_radius_m
         flown = DroneLeg(leg.transit.profile, route, (0, span_us), radius_m, fresh=True)
-        count = crossings(flown, self.users, self._found)
-        if count > len(self._found):
-            self._found = np.empty((2 * count, 3), np.int64)
+        count = crossings(flown, self.users, self._buffer)
+        if count > len(self._buffer):
+            self._buffer = np.empty((2 * count, 3), np.int64)
             return self._crossings(leg, span_us)
-        return self._found[:count].copy()
+        return self._buffer[:count].copy()
 
     def by_cell(self) -> NDArray[np.bool_]:
         """Return (nx, ny, users): whether a drone over the middle of a cell covers a user."""
@@ -92,16 +92,16 @@ def refuse_walks(world: World) -> None:
         )
 
 
-def moves(world: World) -> list[Leg]:
+def moves(world: World) -> list[TransitLeg]:
     """Return the moves of serving drones between neighbouring cells, in one direction each."""
-    grid, found = world.grid, {}
+    grid, legs = world.grid, {}
     for ix, iy, level in flown_to(world):
         for action in (Action.FORWARD, Action.RIGHT):
             dx, dy, _ = MOVES[action]
             if grid.can_enter(ix + dx, iy + dy, level):
                 ends = grid.centre(ix, iy), grid.centre(ix + dx, iy + dy)
-                found[ends] = Leg(world.only_type.epoch_transits[action], *ends, 0.0, 0.0)
-    return list(found.values())
+                legs[ends] = TransitLeg(world.only_type.epoch_transits[action], *ends, 0.0, 0.0)
+    return list(legs.values())
 
 
 def flown_to(world: World) -> list[Node]:

@@ -108,8 +108,8 @@ def _sweep(
     """
     count = len(graph.states)
     gain, worth = (
-        np.array([*np.zeros(count), *known, graph.lottery @ known, -np.inf])
-        for known in (gains, worths)
+        np.array([*np.zeros(count), *renewal_values, graph.lottery @ renewal_values, -np.inf])
+        for renewal_values in (gains, worths)
     )
     choice = np.empty(count, np.int64)
     for first, end in graph.layers:
@@ -169,9 +169,9 @@ def _chain(gained: Array, steps: Array, leads: csr_array) -> tuple[Array, Array]
     return gains, bias
 
 
-def _by_class(class_of: NDArray[np.int32], chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+def _by_class(class_of: NDArray[np.int32], mask: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Return the chosen states of each class."""
-    states = np.flatnonzero(chosen)
+    states = np.flatnonzero(mask)
     states = states[np.argsort(class_of[states], kind="stable")]
     return np.split(states, np.flatnonzero(np.diff(class_of[states])) + 1)
 
@@ -194,8 +194,8 @@ def _bounds(
     _, worth = _sweep(graph, brings, gain, bias, choice, np.inf)
     largest = float(np.abs(worth[: len(graph.states)]).max())
     same = gains >= gains[0] - tolerance
-    known = np.sort(np.array([*gains, float(graph.lottery @ gains)]))
-    drops = np.diff(known)[np.diff(known) > tolerance]
+    renewal_gains = np.sort(np.array([*gains, float(graph.lottery @ gains)]))
+    drops = np.diff(renewal_gains)[np.diff(renewal_gains) > tolerance]
     slope = (4.0 * largest + 1.0) / drops.min() if len(drops) else 0.0
     worths = np.where(same, bias, bias - slope * (gains[0] - gains))
     _, best = _sweep(graph, brings, gain, worths, choice, 0.0)

@@ -21,8 +21,8 @@ from desim_uav.errors import UsageError
 from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import Action, Choice, kind_of
 from desim_uav.optimum.footprints import flown_to
-from desim_uav.optimum.lone_drone import State
-from desim_uav.optimum.process import DroneProcess, Flight, Outcome
+from desim_uav.optimum.lone_drone import LoneState
+from desim_uav.optimum.process import DroneProcess, LoneFlight, LoneOutcome
 
 LARGEST, LARGEST_UNLIMITED = 10**6, 10**5
 """The largest number of states with a battery, and without."""
@@ -49,7 +49,7 @@ class Graph:
     with the same battery, the emptiest first. ``forced`` are the actions of more than one step.
     """
 
-    states: list[State]
+    states: list[LoneState]
     actions: tuple[Action, ...]
     target: NDArray[np.int64]
     steps: NDArray[np.float64]
@@ -74,7 +74,7 @@ def unlimited(process: DroneProcess) -> Graph:
 
     Raises UsageError if there are too many.
     """
-    states: list[State] = [(node, 0) for node in flown_to(process.world)]
+    states: list[LoneState] = [(node, 0) for node in flown_to(process.world)]
     if len(states) > LARGEST_UNLIMITED:
         raise UsageError(_too_many(LARGEST_UNLIMITED))
     begin = states.index(process.start)
@@ -126,10 +126,10 @@ class _Explorer:
         self.world = process.world
         self.actions = _hover_first(self.world.actions)
         self.largest = largest
-        self.number: dict[State, int] = {}
+        self.number: dict[LoneState, int] = {}
         self.last: list[float] = []
-        self.renewals: list[State] = []
-        self.flights: dict[tuple[Node, Action], Flight] = {}
+        self.renewals: list[LoneState] = []
+        self.flights: dict[tuple[Node, Action], LoneFlight] = {}
         self.target, self.steps = array("q"), array("q")
         self.reward, self.attached_us = array("d"), array("q")
         self.forced: list[tuple[int, list[float]]] = []
@@ -137,14 +137,14 @@ class _Explorer:
     def graph(self) -> Graph:
         """Explore all states and return the graph."""
         self._renew(self.process.start)
-        states: list[State] = []
+        states: list[LoneState] = []
         while len(states) < len(self.number):
             for state in list(self.number)[len(states) :]:
                 self._expand(state)
                 states.append(state)
         return self._in_order(states)
 
-    def _find(self, state: State) -> int:
+    def _find(self, state: LoneState) -> int:
         """Return the number of a state, perhaps a new one."""
         if state not in self.number:
             if len(self.number) == self.largest:
@@ -152,14 +152,14 @@ class _Explorer:
             self.number[state] = len(self.number)
         return self.number[state]
 
-    def _renew(self, state: State) -> int:
+    def _renew(self, state: LoneState) -> int:
         """Return a state's target as a renewal, perhaps a new one."""
         if state not in self.renewals:
             self.renewals.append(state)
             self._find(state)
         return RENEWAL - self.renewals.index(state)
 
-    def _expand(self, state: State) -> None:
+    def _expand(self, state: LoneState) -> None:
         """Append the results of all actions in a state."""
         nothing_more = state[1] < 0
         allowed = (Action.HOVER,) if nothing_more else self.process.allowed(state)
@@ -174,16 +174,16 @@ class _Explorer:
             self.reward.append(reward)
             self.attached_us.append(attached_us)
 
-    def _follow(self, state: State, action: Action) -> tuple[int, int, float, int]:
+    def _follow(self, state: LoneState, action: Action) -> tuple[int, int, float, int]:
         """Return target, steps, reward and attached time of an allowed action.
 
         The reward of a flight, which is 0 here, is that of being in its target.
         """
-        node, battery_us = state
+        node, charge = state
         if action not in FORCED:
             flight = self._flight(node, action)
-            if flight.drained_us < battery_us:
-                there = self._find((flight.to, battery_us - flight.drained_us))
+            if flight.drain < charge:
+                there = self._find((flight.to, charge - flight.drain))
                 return there, 1, 0.0, flight.attached_us
         outcome = self.process.outcome(state, action)
         rewards = [step.reward for step in outcome.steps]
@@ -192,10 +192,10 @@ class _Explorer:
         attached_us = sum(step.attached_us for step in outcome.steps)
         return self._after(outcome), len(rewards), math.fsum(rewards), attached_us
 
-    def _flight(self, node: Node, action: Action) -> Flight:
+    def _flight(self, node: Node, action: Action) -> LoneFlight:
         if (node, action) not in self.flights:
             flight = self.process.flight(node, action)
-            if flight.drained_us <= 0:
+            if flight.drain <= 0:
                 raise UsageError(
                     "drones.battery: a step drains nothing; the best policy can be computed only "
                     "if every step drains the battery"
@@ -203,35 +203,35 @@ class _Explorer:
             self.flights[node, action] = flight
         return self.flights[node, action]
 
-    def _after(self, outcome: Outcome) -> int:
+    def _after(self, outcome: LoneOutcome) -> int:
         """Return the target after a landing or a crash."""
         if outcome.state is not None:
             return self._renew(outcome.state)
         if self.world.only_type.on_crash == "end_episode":
             return self._renew(self.process.start)
         if self.world.only_type.on_crash == "respawn":
-            full_us = self.world.only_type.capacity_us
-            places = [self._renew(((*cell, 0), full_us)) for cell in self.world.stations]
+            full = self.world.only_type.capacity
+            places = [self._renew(((*cell, 0), full)) for cell in self.world.stations]
             return places[0] if len(places) == 1 else LOTTERY
         last = outcome.steps[-1].reward
         if last not in self.last:
             self.last.append(last)
         return self._renew(((self.last.index(last), -1, -1), -1))
 
-    def _in_order(self, found: list[State]) -> Graph:
+    def _in_order(self, listing: list[LoneState]) -> Graph:
         """Return the graph with its states in order of their battery."""
-        battery_us = np.array([battery for _, battery in found], np.int64)
-        order = np.argsort(battery_us, kind="stable")
-        place = np.empty(len(found), np.int64)
-        place[order] = np.arange(len(found))
-        shape = (len(found), len(self.actions))
+        charge = np.array([battery for _, battery in listing], np.int64)
+        order = np.argsort(charge, kind="stable")
+        place = np.empty(len(listing), np.int64)
+        place[order] = np.arange(len(listing))
+        shape = (len(listing), len(self.actions))
         target = np.array(self.target, np.int64).reshape(shape)
         reward = np.array(self.reward).reshape(shape)
-        gained = np.zeros(len(found))
-        for state in sorted(state for state in found if state[1] >= 0):  # by node
+        gained = np.zeros(len(listing))
+        for state in sorted(state for state in listing if state[1] >= 0):  # by node
             gained[self.number[state]] = self.process.arrival(state)
         reward = np.where(target >= 0, gained[np.maximum(target, 0)], reward)
-        renewals, states = len(self.renewals), len(found)
+        renewals, states = len(self.renewals), len(listing)
         target = np.select(
             [target >= 0, target == LOTTERY, target == NOWHERE],
             [place[np.maximum(target, 0)], states + renewals, states + renewals + 1],
@@ -239,9 +239,9 @@ class _Explorer:
         )
         full = {(*cell, 0) for cell in self.world.stations}
         lottery = np.array([node in full for node, _ in self.renewals], float)
-        ends = np.flatnonzero(np.diff(battery_us[order], append=-2)) + 1
+        ends = np.flatnonzero(np.diff(charge[order], append=-2)) + 1
         return Graph(
-            [found[k] for k in order.tolist()],
+            [listing[k] for k in order.tolist()],
             self.actions,
             target[order],
             np.array(self.steps, float).reshape(shape)[order],

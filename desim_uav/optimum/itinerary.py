@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from desim_uav.model.rules import Action
 from desim_uav.optimum.gain import path, renewal_after
 from desim_uav.optimum.graph import Graph
-from desim_uav.optimum.lone_drone import State, Step
+from desim_uav.optimum.lone_drone import LoneState, LoneStep
 from desim_uav.optimum.process import DroneProcess
 
 
@@ -27,17 +27,17 @@ class Itinerary:
 def in_the_long_run(process: DroneProcess, graph: Graph, choice: NDArray[np.int64]) -> Itinerary:
     """Return the steps until they repeat, or until a crash with a random or no replacement."""
     rows: list[dict[str, Any]] = []
-    begun: dict[int | None, int] = {}
+    row_of: dict[int | None, int] = {}
     renewal: int | None = 0
-    while renewal not in begun and renewal is not None:
-        begun[renewal] = len(rows)
+    while renewal not in row_of and renewal is not None:
+        row_of[renewal] = len(rows)
         for number in path(graph, choice, renewal):
             state = graph.states[number]
             if state[1] < 0:
                 return Itinerary(rows, None)
             rows += _decision(process, state, graph.actions[choice[number]])
             renewal = renewal_after(graph, choice, number)
-    return Itinerary(rows, begun.get(renewal))
+    return Itinerary(rows, row_of.get(renewal))
 
 
 def in_an_episode(
@@ -63,22 +63,22 @@ def without_battery(
 ) -> Itinerary:
     """Return the steps until they repeat."""
     rows: list[dict[str, Any]] = []
-    state, begun = process.start, {}
-    while state not in begun:
-        begun[state] = len(rows)
+    state, row_of = process.start, {}
+    while state not in row_of:
+        row_of[state] = len(rows)
         action = command(state[0])
         rows += _decision(process, state, action)
         state = (process.neighbour(state[0], action), 0)
-    return Itinerary(rows, begun[state])
+    return Itinerary(rows, row_of[state])
 
 
-def _decision(process: DroneProcess, state: State, action: Action) -> list[dict[str, Any]]:
+def _decision(process: DroneProcess, state: LoneState, action: Action) -> list[dict[str, Any]]:
     """Return the rows of the steps after a decision; the first one has the action."""
     steps = process.outcome(state, action).steps
     return [_row(action if k == 0 else None, step) for k, step in enumerate(steps)]
 
 
-def _row(action: Action | None, step: Step) -> dict[str, Any]:
+def _row(action: Action | None, step: LoneStep) -> dict[str, Any]:
     observed = step.observation
     return {
         "action": None if action is None else action.name.lower(),

@@ -32,14 +32,14 @@ from desim_uav.rules.settle import settle
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
-State = tuple[Node, int]
+LoneState = tuple[Node, int]
 """The state of a drone that can be commanded: its node, and its battery (0: unlimited)."""
 
 BUILT_IN = (Coverage, CoverageBattery, MultiService)
 """Rewards that do not depend on the step of the episode."""
 
 
-class Step(NamedTuple):
+class LoneStep(NamedTuple):
     """The end of a step: the reward, the observation, and the time that users were attached."""
 
     reward: float
@@ -88,9 +88,9 @@ class LoneDrone:
     def __init__(self, world: World) -> None:
         self.world = world
         self._engine = Simulation(world, RunSettings((True,), carry_over=False))
-        asked = requests_of(Continuous(), len(world.homes), world.services, 0, [0], words.NEVER)
+        requests = requests_of(Continuous(), len(world.homes), world.services, 0, [0], words.NEVER)
         respawn = np.zeros((1, 1), np.int64)
-        path = SamplePath(0, world.walks(world.seed, 0), asked[0], None, respawn)
+        path = SamplePath(0, world.walks(world.seed, 0), requests[0], None, respawn)
         self._engine.reset(path)  # opens all requests
         self.constants: Any = self._engine.constants
         self.state: Any = self._engine.state
@@ -109,12 +109,12 @@ class LoneDrone:
         }
         reward, last = world.scenario.reward, max(1, world.scenario.episode.steps - 1)
         self._paid_in = (0,) if type(reward) in BUILT_IN else (0, 1, last)
-        self._steps: list[Step] = []
+        self._steps: list[LoneStep] = []
         self._hovers_over: Node | None = None
 
-    def put(self, state: State) -> None:
+    def put(self, state: LoneState) -> None:
         """Put the drone at rest in a state, at a decision epoch at time 0, and allow commands."""
-        (x, y, level), battery_us = state
+        (x, y, level), charge = state
         world, path, rows, drone = self.constants, self._path, self.state, self.drone
         silence(world, path, rows, drone, words.COVERAGE)
         self._events.clear()
@@ -123,11 +123,13 @@ class LoneDrone:
         rows.crashed.clear()
         appear(world, rows, drone, x, y)
         hover_at(drone, x, y, level)
-        drone.battery_us, drone.waits, drone.respawns = battery_us, 1, 0
+        drone.charge, drone.waits, drone.respawns = charge, 1, 0
         orient(world, path, rows, drone)
         show_first(world, path, rows)
 
-    def run(self, state: State, action: Action) -> tuple[tuple[Step, ...], State | None]:
+    def run(
+        self, state: LoneState, action: Action
+    ) -> tuple[tuple[LoneStep, ...], LoneState | None]:
         """Give a command in a state; run steps until the next one, or until nothing more happens.
 
         Return the steps, and the state of the drone then: None if it has crashed.
@@ -140,12 +142,12 @@ class LoneDrone:
             self._run_step()
             gone = rows.crashes and self.constants.types[0].on_crash == words.REMOVES
             over = bool(drone.waits or gone)
-        there = (drone.x, drone.y, drone.level), rows.observations[0].battery_us
+        there = (drone.x, drone.y, drone.level), rows.observations[0].charge
         return tuple(self._steps), None if rows.crashes else there
 
-    def reward(self, state: State) -> float:
+    def reward(self, state: LoneState) -> float:
         """Return the drone's reward for a step of serving flight that ends in a state."""
-        node, self.drone.battery_us = state
+        node, self.drone.charge = state
         if node != self._hovers_over:
             self.put(state)
             track(self.constants, self._path, self.state, self.drone, 0, words.ENTRY)
@@ -206,7 +208,7 @@ class LoneDrone:
         attached_us = rows.attached_us - rows.attached_from_us
         attached_us += self.drone.attached_users * rows.now_us
         rows.attached_us -= attached_us  # so that the next step counts from here
-        self._steps.append(Step(self._reward(), self._engine.observations()[0], attached_us))
+        self._steps.append(LoneStep(self._reward(), self._engine.observations()[0], attached_us))
 
 
 def _attach(world: Any, path: Any, state: Any, drone: Any) -> None:

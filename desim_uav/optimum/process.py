@@ -15,7 +15,7 @@ from desim_uav.model.demand.demand import Continuous
 from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import MOVES, Action, kind_of
 from desim_uav.optimum.footprints import refuse_walks
-from desim_uav.optimum.lone_drone import LoneDrone, State, Step
+from desim_uav.optimum.lone_drone import LoneDrone, LoneState, LoneStep
 from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.rules.admission import FirstCome
 from desim_uav.rules.flight import can_enter
@@ -26,23 +26,23 @@ NO_REQUESTS = (Coverage, CoverageBattery)
 """Rewards that do not depend on requests."""
 
 
-class Flight(NamedTuple):
+class LoneFlight(NamedTuple):
     """A step of serving flight in which the battery does not run empty."""
 
     to: Node
-    drained_us: int
+    drain: int
     attached_us: int
 
 
-class Outcome(NamedTuple):
+class LoneOutcome(NamedTuple):
     """The result of a decision: the steps until the next decision, and the state at that time.
 
     ``state`` is None after a crash, because this drone decides nothing more. The steps are then
     those until it is replaced, or until the crash if it is not.
     """
 
-    steps: tuple[Step, ...]
-    state: State | None
+    steps: tuple[LoneStep, ...]
+    state: LoneState | None
 
 
 class DroneProcess:
@@ -58,10 +58,10 @@ class DroneProcess:
         refuse_walks(world)
         self.world = world
         self._actions = [kind_of(choice) for choice in world.actions]
-        self.start: State = ((*world.starts[0], 0), world.only_type.capacity_us)
+        self.start: LoneState = ((*world.starts[0], 0), world.only_type.capacity)
         self._lone = LoneDrone(world)
 
-    def allowed(self, state: State) -> tuple[Action, ...]:
+    def allowed(self, state: LoneState) -> tuple[Action, ...]:
         """Return the allowed commands, without blocked moves, which are the same as hover."""
         self._lone.put(state)
         return tuple(
@@ -77,23 +77,23 @@ class DroneProcess:
         there = (node[0] + move.dx, node[1] + move.dy, node[2] + move.dlevel)
         return there if can_enter(world, self._lone.drone, *there) else node
 
-    def arrival(self, state: State) -> float:
+    def arrival(self, state: LoneState) -> float:
         """Return the reward of a step of serving flight that ends in a state."""
         return self._lone.reward(state)
 
-    def outcome(self, state: State, action: Action) -> Outcome:
+    def outcome(self, state: LoneState, action: Action) -> LoneOutcome:
         """Return the result of ``action``, which must be allowed."""
-        return Outcome(*self._lone.run(state, action))
+        return LoneOutcome(*self._lone.run(state, action))
 
-    def flight(self, node: Node, action: Action) -> Flight:
+    def flight(self, node: Node, action: Action) -> LoneFlight:
         """Return the result of a move or a hover that begins with a full battery.
 
-        If the battery does not outlast the step, ``drained_us`` is all of it.
+        If the battery does not outlast the step, ``drain`` is all of it.
         """
-        full_us = self.world.only_type.capacity_us
-        steps, state = self.outcome((node, full_us), action)
+        full = self.world.only_type.capacity
+        steps, state = self.outcome((node, full), action)
         there, left_us = state or (node, 0)
-        return Flight(there, full_us - left_us, steps[0].attached_us)
+        return LoneFlight(there, full - left_us, steps[0].attached_us)
 
 
 def refuse_what_is_random(world: World) -> None:

@@ -1,9 +1,9 @@
 """The search for the best cover: an integer program, which HiGHS solves.
 
-A footprint is the set of users that a drone at one place covers, as a row of ``held`` (footprints,
-users). A placement has the index of each drone's footprint; several drones may have the same one.
-Users are counted in whole numbers. Only the bound on what other placements cover is HiGHS's, which
-computes with floating-point numbers.
+A footprint is the set of users that a drone at one place covers, as a row of ``covers``
+(footprints, users). A placement has the index of each drone's footprint; several drones may have
+the same one. Users are counted in whole numbers. Only the bound on what other placements cover is
+HiGHS's, which computes with floating-point numbers.
 """
 
 from __future__ import annotations
@@ -11,38 +11,38 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Held = NDArray[np.bool_]
+HeldPlaces = NDArray[np.bool_]
 Placement = NDArray[np.int64]
 
 SLACK = 1e-3
 """What is added to a bound before it is rounded down, which is far more than its rounding error."""
 
 
-def covered(held: Held, placement: Placement) -> int:
+def covered(covers: HeldPlaces, placement: Placement) -> int:
     """Return the number of users that a placement covers."""
-    return int(held[placement].any(axis=0).sum())
+    return int(covers[placement].any(axis=0).sum())
 
 
-def greedy_cover(held: Held, drones: int) -> tuple[Placement, int]:
+def greedy_cover(covers: HeldPlaces, drones: int) -> tuple[Placement, int]:
     """Place each drone in turn where it adds most users.
 
     Returns the placement, and a bound on the users that any placement covers: after any turn, none
     exceeds the users covered so far by more than the ``drones`` largest gains at that time.
     """
     placement = np.zeros(0, np.int64)
-    left, bound = held, held.shape[1]
+    left, bound = covers, covers.shape[1]
     while True:
         gains = left.sum(axis=1)
-        bound = min(bound, covered(held, placement) + int(np.sort(gains)[-drones:].sum()))
+        bound = min(bound, covered(covers, placement) + int(np.sort(gains)[-drones:].sum()))
         if len(placement) == drones:
             return placement, bound
         best = gains.argmax()
         placement = np.append(placement, best)
-        left = left & ~held[best]
+        left = left & ~covers[best]
 
 
 def best_cover(
-    held: Held, drones: int, limit_s: float, in_order: bool
+    covers: HeldPlaces, drones: int, limit_s: float, in_order: bool
 ) -> tuple[Placement | None, float]:
     """Return the placement that covers most users, and a bound on the users that any one covers.
 
@@ -54,26 +54,26 @@ def best_cover(
     from scipy.optimize import Bounds, LinearConstraint, milp  # type: ignore[import-untyped]
     from scipy.sparse import csr_array, eye_array, hstack  # type: ignore[import-untyped]
 
-    contained, users = np.unique(held.T, axis=0, return_counts=True)
-    places, groups = len(held), len(users)
+    contained, users = np.unique(covers.T, axis=0, return_counts=True)
+    places, groups = len(covers), len(users)
     of_drones = np.repeat([1.0, 0.0], [places, groups])
     by_drones = hstack([csr_array(-contained.astype(float)), eye_array(groups)], format="csr")
     rows = [LinearConstraint(of_drones[None], drones, drones), LinearConstraint(by_drones, ub=0)]
     order = -np.arange(places + groups) * of_drones
     placement, bound = None, np.inf
     for gains in (np.append(np.zeros(places), users), order)[: 1 + in_order]:
-        found = milp(
+        solution = milp(
             -gains,
             integrality=of_drones,
             bounds=Bounds(0, np.where(of_drones, drones, 1)),
             constraints=rows,
             options={"mip_rel_gap": 0.0, "time_limit": limit_s},
         )
-        if gains is not order and found.mip_dual_bound is not None:
-            bound = np.floor(SLACK - found.mip_dual_bound)
-        if found.x is not None:
-            placement = np.repeat(np.arange(places), np.rint(found.x[:places]).astype(int))
-        if found.status != 0:
+        if gains is not order and solution.mip_dual_bound is not None:
+            bound = np.floor(SLACK - solution.mip_dual_bound)
+        if solution.x is not None:
+            placement = np.repeat(np.arange(places), np.rint(solution.x[:places]).astype(int))
+        if solution.status != 0:
             break
-        rows.append(LinearConstraint(gains[None], round(-found.fun) - 0.5))
+        rows.append(LinearConstraint(gains[None], round(-solution.fun) - 0.5))
     return placement, float(bound)

@@ -22,11 +22,11 @@ def as_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:
 
 def undominated(sets: NDArray[np.uint64]) -> NDArray[np.int64]:
     """Return the sets contained in no other; all must differ and the largest be first."""
-    kept: list[int] = []
+    indices: list[int] = []
     for k, one in enumerate(sets):
-        if not (sets[kept] & one == one).all(axis=1).any():
-            kept.append(k)
-    return np.array(kept)
+        if not (sets[indices] & one == one).all(axis=1).any():
+            indices.append(k)
+    return np.array(indices)
 
 
 @maker
@@ -75,11 +75,11 @@ def _shared(counted: NDArray[np.int64], drones: int, most: int) -> int:
     ``counted`` has the number of users in the union of each subset of the drones. Each user is
     attached to one of the drones that cover it; the result is the minimum cut of this flow.
     """
-    held = np.int64(2**62)
+    users = np.int64(2**62)
     for subset in range(1 << drones):
         outside = drones - _bits(np.uint64(subset))
-        held = min(held, outside * most + counted[subset])
-    return int(held)
+        users = min(users, outside * most + counted[subset])
+    return int(users)
 
 
 @maker
@@ -88,7 +88,7 @@ def best_shares(
     drones: int,
     users: int,
     sign: int,
-    chosen: NDArray[np.int64],
+    start: NDArray[np.int64],
     key: int,
     budget: int,
 ) -> tuple[NDArray[np.int64], int, bool]:
@@ -113,21 +113,21 @@ def best_shares(
     largest_gain = np.zeros(drones + 1, np.int64)
     largest_gain[0] = size[0] if count else 0
     at = np.full(drones, -1, np.int64)
-    best = chosen.copy()
+    best = start.copy()
     looked_at = 0
     depth = 0
     while depth >= 0:
         at[depth] = first[depth] if at[depth] < 0 else at[depth] + 1
         k = at[depth]
         left = drones - depth
-        known = 1 << depth
+        subsets = 1 << depth
         reach = key
         if k < count:
-            low = _shared(counted[:known], depth, quota) + left * min(quota, size[k])
-            high = _shared(counted[:known], depth, quota + 1) + left * min(quota + 1, size[k])
-            most = counted[known - 1] + left * min(largest_gain[depth], size[k])
+            low = _shared(counted[:subsets], depth, quota) + left * min(quota, size[k])
+            high = _shared(counted[:subsets], depth, quota + 1) + left * min(quota + 1, size[k])
+            most = counted[subsets - 1] + left * min(largest_gain[depth], size[k])
             low, high = min(low, most), min(high, most)
-            covers = most if sign > 0 else counted[known - 1]
+            covers = most if sign > 0 else counted[subsets - 1]
             reach = ((drones - rest) * low + rest * high) * (users + 1) + sign * covers
         if looked_at > budget:
             return best, key, False
@@ -136,8 +136,8 @@ def best_shares(
             depth -= 1
             continue
         looked_at += 1
-        for subset in range(known):
-            counted[known + subset] = _unite(unions[subset], sets[k], unions[known + subset])
+        for subset in range(subsets):
+            counted[subsets + subset] = _unite(unions[subset], sets[k], unions[subsets + subset])
         if depth + 1 == drones:
             low = _shared(counted, drones, quota)
             high = _shared(counted, drones, quota + 1)
@@ -152,7 +152,7 @@ def best_shares(
             at[depth] = -1
             largest_gain[depth] = 0
             for later in range(k, count):
-                added = _gain(unions[2 * known - 1], sets[later])
+                added = _gain(unions[2 * subsets - 1], sets[later])
                 largest_gain[depth] = max(largest_gain[depth], added)
             looked_at += count - k
     return best, key, True

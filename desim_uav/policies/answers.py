@@ -38,6 +38,6 @@ def commands_of(answers: Any, world: World) -> list[Any]:
 
 
 def _refused(answer: Any, what: str) -> NoCommandError:
-    shown = f"{answer!r}"
-    shown = shown[:MOST_SHOWN] + "…" * (len(shown) > MOST_SHOWN)
-    return NoCommandError(f"it returned {shown}{what}")
+    text = f"{answer!r}"
+    text = text[:MOST_SHOWN] + "…" * (len(text) > MOST_SHOWN)
+    return NoCommandError(f"it returned {text}{what}")

@@ -13,7 +13,7 @@ from desim_uav.errors import DesimError, PolicyError, did_you_mean
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.policies.answers import commands_of
-from desim_uav.policies.function import Choice, Function
+from desim_uav.policies.function import Answer, FunctionPolicy
 from desim_uav.registry import FAULTS, names, resolve, what_failed
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_table, trained_names
@@ -61,7 +61,7 @@ class JointPolicy(Policy, Protocol):
         """Return the actions of all drones in their order. It is called instead of ``act``."""
 
 
-class Planner(JointPolicy, Protocol):
+class PlanningPolicy(JointPolicy, Protocol):
     """Sees more than the drones do: it is shown the engine before its first decision.
 
     ``information`` says what it uses of it, because nothing keeps a planner from using all.
@@ -117,7 +117,7 @@ class Learned(Protocol):
         """The policy that was learned."""
 
 
-PolicyLike = str | Path | Policy | type[Policy] | Choice | Learned | Trained | Module | Network
+PolicyLike = str | Path | Policy | type[Policy] | Answer | Learned | Trained | Module | Network
 """Everything that is accepted as a policy: a name or a file as on the command line, a policy object
 or class, a plain function of an observation and a mask, the result of a training, or a model in
 memory: of Stable-Baselines3, RLlib or PyTorch, or a network of ``policies/ppo.py``."""
@@ -130,9 +130,9 @@ def show(policy: Policy, engine: Engine) -> None:
         watch(engine)
 
 
-def decide(policy: Policy, shown: Snapshot, world: World) -> list[Any]:
+def decide(policy: Policy, snapshot: Snapshot, world: World) -> list[Any]:
     """Return the policy's actions for a snapshot, in the order of the drones (``decide_by``)."""
-    return decide_by(policy, shown.observations, shown.masks, world)
+    return decide_by(policy, snapshot.observations, snapshot.masks, world)
 
 
 def decide_by(
@@ -150,8 +150,8 @@ def decide_by(
     if jointly is not None:
         commands = jointly(observations, masks)
     else:
-        seen = zip(observations, masks, strict=True)
-        commands = [policy.act(observation, mask) for observation, mask in seen]
+        pairs = zip(observations, masks, strict=True)
+        commands = [policy.act(observation, mask) for observation, mask in pairs]
     return commands_of(commands, world)
 
 
@@ -172,8 +172,8 @@ def parts(name: str) -> tuple[str, str]:
     """
     kind, _, argument = name.partition(":")
     if name.endswith(".npz") and kind not in names("policy"):
-        found = array_file.names_in(find_table(name))
-        return "mlp" if {"scale", "weights"} <= found else "table", name
+        arrays = array_file.names_in(find_table(name))
+        return "mlp" if {"scale", "weights"} <= arrays else "table", name
     return kind, argument
 
 
@@ -182,21 +182,21 @@ def file_of(name: str) -> Path | None:
     base = base_of(name)
     if base is not None:
         return file_of(base)
-    found: Path | None = _of_argument("file_of", name)
-    return found
+    file: Path | None = _of_argument("file_of", name)
+    return file
 
 
 def base_of(name: str) -> str | None:
     """Return the name of the policy that a policy improves, or None if it improves none."""
-    found: str | None = _of_argument("base_of", name)
-    return found or None
+    base: str | None = _of_argument("base_of", name)
+    return base or None
 
 
 def _of_argument(method: str, name: str) -> Any:
     """Return what a method of a registered class says of the argument in a name, or None."""
     kind, argument = parts(name)
-    known = resolve("policy", kind) if kind in names("policy") else None
-    return getattr(known, method, lambda _: None)(argument) if argument else None
+    class_ = resolve("policy", kind) if kind in names("policy") else None
+    return getattr(class_, method, lambda _: None)(argument) if argument else None
 
 
 @typed
@@ -212,16 +212,16 @@ def load_policy(policy: PolicyLike) -> Policy:
     if isinstance(policy, str | Path):
         return _checked(_of_name(policy_name(policy)), policy_name(policy))
     if isinstance(policy, type):
-        return _checked(_made(policy, policy_name(policy)), policy_name(policy))
-    given: Any = policy
-    adapter = _adapter_of(given)
+        return _checked(_instance(policy, policy_name(policy)), policy_name(policy))
+    candidate: Any = policy
+    adapter = _adapter_of(candidate)
     if adapter is not None:
-        return _checked(adapter.of_model(given, policy_name(policy)), policy_name(policy))
-    if not hasattr(given, "act") and hasattr(given, "policy"):
-        given = given.policy
-    if not hasattr(given, "act") and callable(given):
-        given = Function(given)
-    return _checked(given, policy_name(policy))
+        return _checked(adapter.of_model(candidate, policy_name(policy)), policy_name(policy))
+    if not hasattr(candidate, "act") and hasattr(candidate, "policy"):
+        candidate = candidate.policy
+    if not hasattr(candidate, "act") and callable(candidate):
+        candidate = FunctionPolicy(candidate)
+    return _checked(candidate, policy_name(policy))
 
 
 MODELS = {
@@ -236,14 +236,14 @@ They are named, and not imported, because their libraries may not be installed.
 """
 
 
-def _adapter_of(given: Any) -> Any:
+def _adapter_of(candidate: Any) -> Any:
     """Return the class of the policy that acts by a model, or None for everything else."""
-    if hasattr(given, "act"):
+    if hasattr(candidate, "act"):
         return None
-    for one in type(given).__mro__:
-        found = MODELS.get(f"{one.__module__}:{one.__qualname__}")
-        if found is not None:
-            module, _, name = found.partition(":")
+    for one in type(candidate).__mro__:
+        adapter = MODELS.get(f"{one.__module__}:{one.__qualname__}")
+        if adapter is not None:
+            module, _, name = adapter.partition(":")
             return getattr(importlib.import_module(module), name)
     return None
 
@@ -253,10 +253,10 @@ def as_seen(scenario: Scenario, policy: PolicyLike) -> Scenario:
 
     Nothing else that happens in a run depends on the observation. Raises as ``load_policy`` does.
     """
-    needed = getattr(load_policy(policy), "observation", None)
-    if needed is None or needed == scenario.observation:
+    observation = getattr(load_policy(policy), "observation", None)
+    if observation is None or observation == scenario.observation:
         return scenario
-    return scenario.model_copy(update={"observation": needed})
+    return scenario.model_copy(update={"observation": observation})
 
 
 FILES = {".csv": "script:", ".zip": "sb3:"}
@@ -273,30 +273,30 @@ def policy_name(policy: PolicyLike) -> str:
         return FILES.get(policy.suffix.lower(), "") + str(policy)
     if isinstance(policy, str):
         return policy
-    given: Any = policy
-    if not isinstance(given, type) and _adapter_of(given) is None:
-        if not hasattr(given, "act") and hasattr(given, "policy"):
-            given = given.policy
-        if isinstance(name := getattr(given, "name", None), str):
+    candidate: Any = policy
+    if not isinstance(candidate, type) and _adapter_of(candidate) is None:
+        if not hasattr(candidate, "act") and hasattr(candidate, "policy"):
+            candidate = candidate.policy
+        if isinstance(name := getattr(candidate, "name", None), str):
             return name
-        if not hasattr(given, "act") and callable(given):
-            return Function(given).name
-    if not isinstance(given, type):
-        given = type(given)
-    return f"{given.__module__}:{given.__qualname__}"
+        if not hasattr(candidate, "act") and callable(candidate):
+            return FunctionPolicy(candidate).name
+    if not isinstance(candidate, type):
+        candidate = type(candidate)
+    return f"{candidate.__module__}:{candidate.__qualname__}"
 
 
 def _of_name(name: str) -> Any:
     """Make the policy with this name. Raises PolicyError."""
     kind, argument = parts(name)
-    known = resolve("policy", kind) if kind in names("policy") else None
-    if known is None and ":" not in name:
+    class_ = resolve("policy", kind) if kind in names("policy") else None
+    if class_ is None and ":" not in name:
         raise PolicyError(_unknown(name))
-    if known is not None and argument and not inspect.signature(known).parameters:
+    if class_ is not None and argument and not inspect.signature(class_).parameters:
         raise PolicyError(f"policy {name!r}: {kind!r} takes nothing after it: write {kind}")
     try:
-        if known is not None:
-            return known(*[argument] if argument else [])
+        if class_ is not None:
+            return class_(*[argument] if argument else [])
         return resolve("policy", name)()
     except DesimError:
         raise
@@ -310,15 +310,15 @@ def _unknown(name: str) -> str:
     """Return what is wrong with a name that is no policy's."""
     if name.endswith(".py"):
         return f"policy {name!r}: name the class in this file, too: {name}:Class"
-    known = names("policy")
-    hint = did_you_mean(name, [*known, *trained_names()])
+    kinds = names("policy")
+    hint = did_you_mean(name, [*kinds, *trained_names()])
     return (
-        f"unknown policy {name!r}{hint}; allowed: {', '.join(known)}, FILE.npz, "
+        f"unknown policy {name!r}{hint}; allowed: {', '.join(kinds)}, FILE.npz, "
         '"package.module:Class" or FILE.py:Class'
     )
 
 
-def _made(policy: type, name: str) -> Any:
+def _instance(policy: type, name: str) -> Any:
     """Make an instance of a policy class. Raises PolicyError."""
     try:
         return policy()

@@ -74,12 +74,12 @@ class Clairvoyant:
         self._epochs: list[Any] = []
         self._commands: list[list[int]] = []
         self._value = 0.0
-        shown = self._inner.restore(self._inner.save())
-        self._first = shown.step
+        snapshot = self._inner.restore(self._inner.save())
+        self._first = snapshot.step
         for self._knows, waiting in STARTS:
             self._habits = Habits(HORIZON, waiting, FADE, ROUNDS)
-            self._play(shown, [], [])
-            shown = self._inner.restore(self._epochs[0][0])
+            self._play(snapshot, [], [])
+            snapshot = self._inner.restore(self._epochs[0][0])
         for _ in range(self.options["tries"]):
             self._try()
 
@@ -98,7 +98,7 @@ class Clairvoyant:
         times_us = range(0, world.horizon_us + 1, world.step_us)
         return np.array([all_walked(*path.walks, t_us) for t_us in times_us])
 
-    def _play(self, shown: Snapshot, first: list[list[int]], then: list[list[int]]) -> float:
+    def _play(self, snapshot: Snapshot, first: list[list[int]], then: list[list[int]]) -> float:
         """Play to the end of the episode by plans, and return the score.
 
         ``first`` are the commands of the next steps, ``then`` those of the steps after that, to
@@ -106,70 +106,74 @@ class Clairvoyant:
         """
         from desim_uav.policies.planning.inner import score
 
-        told, epochs, plans = [*first, *then], [], ((), 0)
-        begins, commands = shown.step - self._first, []
-        while not (shown.terminated or shown.truncated):
-            epochs.append((self._inner.save(), shown))
-            step = shown.step - self._first - begins
-            if step < len(told):
-                chosen = told[step]
+        script, epochs, plans = [*first, *then], [], ((), 0)
+        begins, commands = snapshot.step - self._first, []
+        while not (snapshot.terminated or snapshot.truncated):
+            epochs.append((self._inner.save(), snapshot))
+            step = snapshot.step - self._first - begins
+            if step < len(script):
+                choices = script[step]
             else:
-                chosen, plans = self._planned(shown, plans)
-            commands.append(chosen)
-            shown = self._inner.step(chosen)
-        value = score(self._inner, self.options["qoe1"], charged=False) + self._later(shown)
+                choices, plans = self._planned(snapshot, plans)
+            commands.append(choices)
+            snapshot = self._inner.step(choices)
+        value = score(self._inner, self.options["qoe1"], charged=False) + self._later(snapshot)
         if not self._commands or value > self._value:
             self._value = value
             self._commands[begins:] = commands
             self._epochs[begins:] = epochs
         return self._value
 
-    def _later(self, shown: Snapshot) -> float:
+    def _later(self, snapshot: Snapshot) -> float:
         """Return what the drones' places and batteries are worth at the end of the episode.
 
         It is what they cover by plans for the steps after it, in percent of the users for the time
         of an episode. Without carry-over it is nothing.
         """
         from desim_uav.policies.planning.sight import look
-        from desim_uav.policies.planning.team import Team
+        from desim_uav.policies.planning.team import TeamPlanner
 
         assert self._ground is not None
         world = self._ground.world
-        if not world.scenario.episode.carry_over or shown.terminated:
+        if not world.scenario.episode.carry_over or snapshot.terminated:
             return 0.0
-        team = Team(self._ground, look(self._inner, self._ground, shown.observations), self._habits)
+        team = TeamPlanner(
+            self._ground, look(self._inner, self._ground, snapshot.observations), self._habits
+        )
         team.improve(self._habits.rounds)
         share = team.covered() / (len(world.homes) * world.scenario.episode.steps)
         weight: float = 1.0 - self.options["qoe1"]
         return weight * 100.0 * share
 
-    def _planned(self, shown: Snapshot, before: Any) -> tuple[list[int], Any]:
+    def _planned(self, snapshot: Snapshot, before: Any) -> tuple[list[int], Any]:
         """Return the commands of plans for the true places of users, and these plans."""
         from desim_uav.policies.planning.sight import look
-        from desim_uav.policies.planning.team import Team, commands_of
+        from desim_uav.policies.planning.team import TeamPlanner, commands_of
 
         assert self._ground is not None
-        seen = look(self._inner, self._ground, shown.observations)
+        sight = look(self._inner, self._ground, snapshot.observations)
         if self._knows:
-            seen = seen._replace(future_m=self._places_m[shown.step : -1])
-        team = Team(self._ground, seen, self._habits)
+            sight = sight._replace(future_m=self._places_m[snapshot.step : -1])
+        team = TeamPlanner(self._ground, sight, self._habits)
         team.begin_with(*before)
         team.improve(self._habits.rounds)
-        told = commands_of(self._ground, team.plans[:, 0, 0], shown.observations, shown.masks)
-        return told, (team.plans, 1)
+        commands = commands_of(
+            self._ground, team.plans[:, 0, 0], snapshot.observations, snapshot.masks
+        )
+        return commands, (team.plans, 1)
 
     def _try(self) -> None:
         """Change one command of one drone at one step, and keep it if the episode is better."""
         step = int(self._rng.integers(len(self._epochs)))
-        saved, shown = self._epochs[step]
-        drone = int(self._rng.integers(len(shown.masks)))
+        saved, snapshot = self._epochs[step]
+        drone = int(self._rng.integers(len(snapshot.masks)))
         draw = int(self._rng.integers(2**30))
         keeps_on = bool(self._rng.integers(2))
-        allowed = [k for k, may in enumerate(shown.masks[drone]) if may]
+        allowed = [k for k, may in enumerate(snapshot.masks[drone]) if may]
         command = allowed[draw % len(allowed)]
-        chosen = list(self._commands[step])
-        if shown.observations[drone].mode not in DECIDES or command == chosen[drone]:
+        choices = list(self._commands[step])
+        if snapshot.observations[drone].mode not in DECIDES or command == choices[drone]:
             return
-        chosen[drone] = command
+        choices[drone] = command
         then = self._commands[step + 1 :] if keeps_on else []
-        self._play(self._inner.restore(saved), [chosen], then)
+        self._play(self._inner.restore(saved), [choices], then)

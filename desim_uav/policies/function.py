@@ -11,14 +11,14 @@ from desim_uav.model.rules import Action, AtSpeed
 from desim_uav.model.state import Observation
 from desim_uav.world import World
 
-Choice = Callable[[Observation, Sequence[bool]], Action | AtSpeed | int | str | Sequence[float]]
+Answer = Callable[[Observation, Sequence[bool]], Action | AtSpeed | int | str | Sequence[float]]
 """A function that chooses a drone's action from its observation and mask. It returns an ``Action``,
 the name of an action, or an index into ``world.actions``; in free flight also the numbers of a
 command, from -1 to 1. If commands choose a cruise speed, a move without one is that at the highest
 speed."""
 
 
-class Function:
+class FunctionPolicy:
     """Calls a function for every drone at every decision epoch.
 
     The function is not called while only one action is allowed: a drone that returns, waits,
@@ -27,7 +27,7 @@ class Function:
 
     ceiling = True
 
-    def __init__(self, choose: Choice) -> None:
+    def __init__(self, choose: Answer) -> None:
         self.choose = choose
         self.name = f"{choose.__module__}:{getattr(choose, '__qualname__', type(choose).__name__)}"
 
@@ -39,15 +39,15 @@ class Function:
         """Call the function. Raises PolicyError for an action that the scenario does not have."""
         if sum(mask) == 1:
             return list(mask).index(True)
-        chosen = self.choose(observation, mask)
-        if not isinstance(chosen, str | Action | AtSpeed):
-            return chosen
-        name = chosen if isinstance(chosen, str) else chosen.name.lower()
-        known = self._commands.of(observation.drone).named
-        if name.lower() in known:
-            return known[name.lower()]
+        answer = self.choose(observation, mask)
+        if not isinstance(answer, str | Action | AtSpeed):
+            return answer
+        name = answer if isinstance(answer, str) else answer.name.lower()
+        index_of = self._commands.of(observation.drone).named
+        if name.lower() in index_of:
+            return index_of[name.lower()]
         raise PolicyError(
             f"policy {self.name!r}: {name!r} is not an action of "
-            f"{self._commands.whose(observation.drone)}{did_you_mean(name, known)}; "
-            f"allowed: {', '.join(known)}"
+            f"{self._commands.whose(observation.drone)}{did_you_mean(name, index_of)}; "
+            f"allowed: {', '.join(index_of)}"
         )

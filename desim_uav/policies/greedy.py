@@ -16,7 +16,7 @@ from desim_uav.world import World
 if TYPE_CHECKING:
     from desim_uav.engine.episode import Engine
     from desim_uav.policies.planning.ground import Ground
-    from desim_uav.policies.planning.sight import Sight
+    from desim_uav.policies.planning.sight import PlanningSight
 
 OPTIONS = {
     "horizon": Option(40, 1, 1000),
@@ -81,20 +81,20 @@ class Greedy:
     ) -> list[int]:
         """Return the first action of each drone's plan, or the action that is forced."""
         from desim_uav.policies.planning.sight import look
-        from desim_uav.policies.planning.team import Team, commands_of
+        from desim_uav.policies.planning.team import TeamPlanner, commands_of
 
         if self._engine is None or self._ground is None:
             raise RuntimeError("greedy needs the engine; call begin and watch first")
-        seen = look(self._engine, self._ground, observations)
-        if not self._may_follow(seen):
-            team = Team(self._ground, seen, self._habits)
+        sight = look(self._engine, self._ground, observations)
+        if not self._may_follow(sight):
+            team = TeamPlanner(self._ground, sight, self._habits)
             team.begin_with(self._plans, self._age)
             team.improve(self._habits.rounds)
             self._plans, self._age, self._stale = team.plans, 0, False
         age, self._age = self._age, self._age + 1
         return commands_of(self._ground, self._plans[:, age, 0], observations, masks)
 
-    def _may_follow(self, seen: Sight) -> bool:
+    def _may_follow(self, sight: PlanningSight) -> bool:
         """Return whether all drones that decide are where their plans say, if these are to last."""
         if self._stale or len(self._plans) == 0:
             return False
@@ -103,7 +103,7 @@ class Greedy:
         now = self._plans[:, self._age]
         return all(
             one.ready > 0 or (now[d, 0] >= 0 and now[d, 1] == one.place)
-            for d, one in enumerate(seen.drones)
+            for d, one in enumerate(sight.drones)
         )
 
     def memory(self) -> dict[str, Any]:

@@ -126,19 +126,19 @@ class MlpFile:
         return Mlp(arrays["low"], arrays["scale"], tuple(layers), self.about)
 
 
-def component_of(shown: dict[str, Any] | None) -> Any:
+def component_of(observation: dict[str, Any] | None) -> Any:
     """Return the observation that a file describes, or None if it describes none.
 
     Raises ValueError for a kind that is not built in, because a file must not choose which modules
     are imported, and ScenarioError for wrong settings.
     """
-    if shown is None:
+    if observation is None:
         return None
-    kind = shown.get("kind")
+    kind = observation.get("kind")
     if kind not in names("observation"):
-        known = ", ".join(sorted(names("observation")))
-        raise ValueError(f"its observation is {in_short(kind)}; must be one of {known}")
-    return from_mapping({"observation": shown}, source="its description").observation
+        kinds = ", ".join(sorted(names("observation")))
+        raise ValueError(f"its observation is {in_short(kind)}; must be one of {kinds}")
+    return from_mapping({"observation": observation}, source="its description").observation
 
 
 def description_of(world: World, own: bool = False) -> dict[str, Any]:
@@ -148,11 +148,11 @@ def description_of(world: World, own: bool = False) -> dict[str, Any]:
     says that the network is for this world alone.
     """
     scenario = world.scenario
-    shown = to_plain(scenario)["observation"]
+    observation = to_plain(scenario)["observation"]
     return {
         "features": [feature.name for feature in max(world.features_of_types, key=len)],
         "actions": list(world.commands.of_all("a network").outputs),
-        "observation": shown if shown["kind"] in names("observation") else None,
+        "observation": observation if observation["kind"] in names("observation") else None,
         "scenario": scenario.name,
         "world_seed": world.seed if own else None,
         "world_hash": world_hash(world) if own else None,
@@ -167,12 +167,12 @@ def scaling_of(world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """
     from desim_uav.spaces import features  # Gymnasium takes long to import
 
-    shown = features(world)
-    low = [feature.low if feature.whole else 0.0 for feature in shown]
-    widths = [max(1.0, feature.high - feature.low) if feature.whole else 1.0 for feature in shown]
+    columns = features(world)
+    low = [feature.low if feature.whole else 0.0 for feature in columns]
+    widths = [max(1.0, feature.high - feature.low) if feature.whole else 1.0 for feature in columns]
     scale = 1.0 / np.array(widths)
     if world.scenario.episode.carry_over:
-        scale[[feature.name == "time_left" for feature in shown]] = 0.0
+        scale[[feature.name == "time_left" for feature in columns]] = 0.0
     return np.array(low, np.float32), scale.astype(np.float32)
 
 
@@ -195,11 +195,11 @@ def _problems(forms: dict[str, array_file.Form], about: dict[str, Any]) -> Itera
         yield f"it has more than {MOST_NUMBERS:,} weights"
     shapes = {"low": (sizes[0],), "scale": (sizes[0],), "weights": (expected,)}
     for name, shape in shapes.items():
-        found = forms[name]
-        if found.dtype != np.float32 or found.shape != shape:
+        form = forms[name]
+        if form.dtype != np.float32 or form.shape != shape:
             yield (
                 f"{name} must be float32 of shape {shape}, as its description says, "
-                f"not {found.dtype} of shape {found.shape}"
+                f"not {form.dtype} of shape {form.shape}"
             )
 
 
@@ -290,7 +290,7 @@ class NetworkPolicy:
         if observation.mode not in DECIDES:
             return list(mask).index(True)
         assert self._network is not None, "begin comes first"
-        seen = self._encode(observation, self._world.facts_of(observation.drone))
-        more = len(self.about["features"]) - len(seen)  # where other types observe more
-        scores = self._network.scores((*seen, *(0.0,) * more))
+        code = self._encode(observation, self._world.facts_of(observation.drone))
+        more = len(self.about["features"]) - len(code)  # where other types observe more
+        scores = self._network.scores((*code, *(0.0,) * more))
         return self._commands.best(scores[np.newaxis], [mask])[0]

@@ -59,35 +59,35 @@ class TorchModule:
         """Return for each drone the forced action, or else the best allowed one or the command."""
         assert self._world is not None, "begin comes first"
         world = self._world
-        seen = [self._encode(one, world.facts_of(one.drone)) for one in observations]
-        padded = [[*each, *[0.0] * (self._inputs - len(each))] for each in seen]
+        codes = [self._encode(one, world.facts_of(one.drone)) for one in observations]
+        padded = [[*each, *[0.0] * (self._inputs - len(each))] for each in codes]
         commands = self._commands.best(self._scores(padded), masks)
         for k, (one, mask) in enumerate(zip(observations, masks, strict=True)):
             if one.mode not in DECIDES:
                 commands[k] = list(mask).index(True)
         return commands
 
-    def _scores(self, seen: Sequence[Sequence[float]]) -> Any:
+    def _scores(self, codes: Sequence[Sequence[float]]) -> Any:
         """Return the module's numbers, float64 (drones, outputs). Raises PolicyError."""
         torch = self._torch
-        expected = (len(seen), self._outputs)
+        expected = (len(codes), self._outputs)
         problem = ""
         scores: Any = None
         training = self.module.training
         try:
             with torch.no_grad():
                 like = next(self.module.parameters(), torch.zeros(()))
-                batch = torch.tensor(seen, dtype=torch.float32, device=like.device)
+                batch = torch.tensor(codes, dtype=torch.float32, device=like.device)
                 scores = self.module.eval()(batch)
         except Exception as error:  # torch, and the module's own code, may raise anything
-            problem = f"it fails on observations float32 ({len(seen)}, {self._inputs}): "
+            problem = f"it fails on observations float32 ({len(codes)}, {self._inputs}): "
             problem += f"{type(error).__name__}: {reason(error)}"
         finally:
             self.module.train(training)
         if not problem and not isinstance(scores, torch.Tensor):
             problem = f"it returns a {type(scores).__name__}, not a tensor"
         elif not problem and tuple(scores.shape) != expected:
-            problem = f"of observations ({len(seen)}, {self._inputs}) it makes numbers "
+            problem = f"of observations ({len(codes)}, {self._inputs}) it makes numbers "
             problem += f"{tuple(scores.shape)}"
         elif not problem and not torch.isfinite(scores).all():
             problem = "it returns numbers that are not finite"

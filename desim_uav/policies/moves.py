@@ -88,8 +88,8 @@ class FreeMoves:
         most_m = reach_along(space.commanded, space.wind, ANY_SPEED, ahead, step_s)
         parts = max(1, math.ceil(length_m / most_m - 1e-9))
         share = length_m / parts / most_m
-        told = [share * one for one in ahead[: self._world.dimensions]]
-        return [told + [1.0] * own.chooses_cruise + [-1.0] * own.limited] * parts
+        displacement = [share * one for one in ahead[: self._world.dimensions]]
+        return [displacement + [1.0] * own.chooses_cruise + [-1.0] * own.limited] * parts
 
     def _place(self, cell: Cell, level: int) -> Point:
         return (*self._grid.centre(*cell), self._grid.levels_m[level])

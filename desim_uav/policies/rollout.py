@@ -74,8 +74,8 @@ class Rollout:
 
     def notice(self, world: World) -> str:
         """Return the warning of the base, for example that it was trained in another world."""
-        said: str = getattr(self._base, "notice", lambda world: "")(world)
-        return said
+        warning: str = getattr(self._base, "notice", lambda world: "")(world)
+        return warning
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Let the base begin. Raises PolicyError if the scenario cannot be simulated."""
@@ -115,55 +115,58 @@ class Rollout:
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> list[int]:
         """Return the best command of each drone, in turn."""
-        chosen = decide_by(self._base, observations, masks, self._world)
+        commands = decide_by(self._base, observations, masks, self._world)
         options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
-        chosen = [self._safely(d, chosen[d], allowed) for d, allowed in enumerate(options)]
+        commands = [self._safely(d, commands[d], allowed) for d, allowed in enumerate(options)]
         if all(len(each) < 2 for each in options):
-            return chosen
+            return commands
         self._imagine()
         self._memory = self.memory()
-        best = self._scores(chosen)
+        best = self._scores(commands)
         for drone, allowed in enumerate(options):
             for command in allowed:
-                if command == chosen[drone]:
+                if command == commands[drone]:
                     continue
-                tried = [*chosen[:drone], command, *chosen[drone + 1 :]]
+                tried = [*commands[:drone], command, *commands[drone + 1 :]]
                 scores = self._scores(tried)
                 if self._is_better(scores - best):
-                    best, chosen = scores, tried
+                    best, commands = scores, tried
         if self._mind is None:
             show(self._base, self._engine)
             self.remember(self._memory)
-        return chosen
+        return commands
 
-    def _options(self, seen: Observation, mask: Sequence[bool]) -> list[int]:
+    def _options(self, observation: Observation, mask: Sequence[bool]) -> list[int]:
         """Return the commands that a drone may choose from, if it can reach a station after them.
 
         There are no moves that are blocked, and no returns if drones may lose their way.
         """
-        if seen.mode not in DECIDES:
+        if observation.mode not in DECIDES:
             return []
-        ground, found = self._ground, []
-        drone = self._engine.drones[seen.drone]
+        ground, options = self._ground, []
+        drone = self._engine.drones[observation.drone]
         place = ground.number(int(drone.x), int(drone.y), int(drone.level))
         for command, action in enumerate(self._world.actions):
             k = ground.move(action)
             if k >= 0:
                 may = self._can_return(
-                    int(ground.after[k, place]), int(ground.takes[command]), seen
+                    int(ground.after[k, place]), int(ground.takes[command]), observation
                 )
             else:
                 may = action is Action.CHARGE or self._world.scenario.position_noise is None
             if mask[command] and may:
-                found.append(command)
-        return found
+                options.append(command)
+        return options
 
-    def _can_return(self, place: int, drain: int, seen: Observation) -> bool:
+    def _can_return(self, place: int, drain: int, observation: Observation) -> bool:
         """Return whether a drone can be in a place and reach a station from there."""
-        if place < 0 or seen.battery_s is None:
+        if place < 0 or observation.battery_s is None:
             return place >= 0
         ground = self._ground
-        units = round(seen.battery_s * ground.world.only_type.per_second) // ground.unit_us - drain
+        units = (
+            round(observation.battery_s * ground.world.only_type.drain_per_s) // ground.charge_unit
+            - drain
+        )
         _, _, takes, exists = ground.returns[place].tolist()
         by_return = bool(exists) and min(units, ground.return_at) > takes
         return by_return or bool(units >= ground.needs[place])
@@ -210,9 +213,9 @@ class Rollout:
             self.remember(self._memory)
         else:
             self._mind.think_like(self._base)
-        shown: Snapshot = inner.step(commands)
+        snapshot: Snapshot = inner.step(commands)
         for _ in range(self.options["horizon"] - 1):
-            if shown.terminated or shown.truncated:
+            if snapshot.terminated or snapshot.truncated:
                 break
-            shown = inner.step(decide(base, shown, self._world))
+            snapshot = inner.step(decide(base, snapshot, self._world))
         return score(inner, self.options["qoe1"])

@@ -122,11 +122,11 @@ class StableBaselines:
         encoding, trained = world.scenario.observation, self._saved.spaces
         here: dict[Spaces, None] = {}
         for count, facts in itertools.product((drones, 1), (widest(world), world.facts)):
-            seen = observation_space(encoding.features(facts) * count)
-            told = commands.space_of(count)
-            spaces = Spaces(_described(seen), _described(told))
+            observations = observation_space(encoding.features(facts) * count)
+            actions = commands.space_of(count)
+            spaces = Spaces(_described(observations), _described(actions))
             if spaces == trained:
-                return seen, told, count == drones
+                return observations, actions, count == drones
             here[spaces] = None
         raise PolicyError(
             f"{self.file}: the network was trained on {in_short(_in_words(trained))}; "
@@ -146,7 +146,7 @@ class StableBaselines:
         """
         assert self._world is not None, "an episode has begun"
         encode, facts = self._world.scenario.observation.encode, self._world.facts
-        code = [number for seen in observations for number in encode(seen, facts)]
+        code = [number for observation in observations for number in encode(observation, facts)]
         batch, _ = self._network.obs_to_tensor(np.array(code, self._dtype))
         scores = self._scores(self._network, batch).numpy().reshape(len(observations), -1)
         return self._commands.best(scores.astype(float), masks)
@@ -262,9 +262,9 @@ def _weights(content: bytes) -> dict[str, Any]:
 
 def _policy(data: dict[str, Any]) -> str:
     """Return the full name of the policy's class, from the readable text beside its pickle."""
-    shown = data["policy_class"]
-    name = re.match(r"<function (\w+)\.__init__ at", str(shown.get("__init__")))
-    return f"{shown.get('__module__')}.{name[1] if name else '?'}"
+    about = data["policy_class"]
+    name = re.match(r"<function (\w+)\.__init__ at", str(about.get("__init__")))
+    return f"{about.get('__module__')}.{name[1] if name else '?'}"
 
 
 def _class(policy: str) -> Any:
@@ -273,10 +273,10 @@ def _class(policy: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
-def _space(shown: dict[str, Any]) -> str:
+def _space(about: dict[str, Any]) -> str:
     """Return a text that describes a space, from the readable text beside its pickle."""
-    kind = shown[":type:"].strip("<>'").rpartition(".")[2]
-    return _in_brackets(kind, shown.get(SIZES.get(kind, "")))
+    kind = about[":type:"].strip("<>'").rpartition(".")[2]
+    return _in_brackets(kind, about.get(SIZES.get(kind, "")))
 
 
 def _described(space: Any) -> str:
@@ -296,23 +296,23 @@ def _in_words(spaces: Spaces) -> str:
 # ---- settings of a policy
 
 
-def _settings(shown: dict[str, Any]) -> dict[str, Any]:
+def _settings(about: dict[str, Any]) -> dict[str, Any]:
     """Return the policy's settings, from the readable text beside their pickle.
 
     Raises ValueError for a setting that cannot be read so, or is not known to be harmless.
     """
     pickled = {":type:", ":serialized:"}
-    return {key: _setting(key, shown[key]) for key in sorted(shown.keys() - pickled - IN_TRAINING)}
+    return {key: _setting(key, about[key]) for key in sorted(about.keys() - pickled - IN_TRAINING)}
 
 
-def _setting(key: str, shown: Any) -> Any:
+def _setting(key: str, value: Any) -> Any:
     if key == "activation_fn":
-        name = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", str(shown))
+        name = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", str(value))
         if name and name[1] in ACTIVATIONS:
             return getattr(importlib.import_module("torch.nn"), name[1])
-    if key in SETTINGS and SETTINGS[key](shown):
-        return shown
-    raise ValueError(f"policy_kwargs: {key}: {str(shown)[:80]} cannot be read without unpickling")
+    if key in SETTINGS and SETTINGS[key](value):
+        return value
+    raise ValueError(f"policy_kwargs: {key}: {str(value)[:80]} cannot be read without unpickling")
 
 
 def _is_architecture(value: Any) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from desim_uav.commands.free import NUMBERS
+from desim_uav.commands.aims import NUMBERS
 from desim_uav.commands.given import CommandError
 from desim_uav.errors import PolicyError, did_you_mean, notice
 from desim_uav.model.random.streams import Streams
@@ -16,7 +16,7 @@ from desim_uav.model.traces import index, read_table
 from desim_uav.registry import register
 from desim_uav.world import World
 
-Given = dict[str, float | None]
+FlightNumbers = dict[str, float | None]
 """The numbers of a row, by their columns; None where the row has none."""
 
 
@@ -40,7 +40,7 @@ class Script:
         columns = {"step": index, "drone": index, "action": _action}
         rows = read_table(self.file, columns, dict.fromkeys(NUMBERS, _share))
         self.commands: dict[tuple[int, int], str] = {}
-        self._given: dict[tuple[int, int], Given] = {}
+        self._numbers: dict[tuple[int, int], FlightNumbers] = {}
         self._lines: dict[tuple[int, int], int] = {}
         self._noticed = False
         for step, drone, action, *numbers, line in rows:
@@ -48,7 +48,7 @@ class Script:
             if at in self.commands:
                 raise ValueError(f"{file}:{line}: drone {drone} has two actions at step {step}")
             self.commands[at], self._lines[at] = action, line
-            self._given[at] = dict(zip(NUMBERS, numbers, strict=True))
+            self._numbers[at] = dict(zip(NUMBERS, numbers, strict=True))
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Check the script. Raises PolicyError if it does not fit the scenario.
@@ -58,7 +58,7 @@ class Script:
         self._notice_late_actions(world)
         commands = world.commands
         self._hover = commands.actions.index(Action.HOVER)
-        self._told: dict[tuple[int, int], Any] = {}
+        self._commands: dict[tuple[int, int], Any] = {}
         drones = world.scenario.drone_count
         for at, action in self.commands.items():
             where, drone = f"{self.file}:{self._lines[at]}", at[1]
@@ -71,7 +71,7 @@ class Script:
                     f"allowed: {', '.join(own.named)}"
                 )
             try:
-                self._told[at] = own.scripted(drone, own.named[action], self._given[at])
+                self._commands[at] = own.scripted(drone, own.named[action], self._numbers[at])
             except CommandError as problem:
                 raise PolicyError(f"{where}: {problem}") from problem
 
@@ -87,14 +87,14 @@ class Script:
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
         """Return the command in the file, or "hover" if it has none for this step and drone."""
-        return self._told.get((observation.step, observation.drone), self._hover)
+        return self._commands.get((observation.step, observation.drone), self._hover)
 
 
 def _action(text: str) -> str:
-    known, name = [action.name.lower() for action in Action], text.lower()
-    if name.partition("@")[0] not in known:
-        hint = did_you_mean(name, known)
-        raise ValueError(f"not an action{hint}; allowed: {', '.join(known)}")
+    actions, name = [action.name.lower() for action in Action], text.lower()
+    if name.partition("@")[0] not in actions:
+        hint = did_you_mean(name, actions)
+        raise ValueError(f"not an action{hint}; allowed: {', '.join(actions)}")
     return name
 
 

@@ -30,7 +30,7 @@ NEAR_US = 1000
 """Half the time over which a power is measured."""
 
 
-def batteries_before_us(run: Run, episode: int) -> list[int]:
+def charges_before(run: Run, episode: int) -> list[int]:
     """Return each drone's charge at the start of an episode: full, or that of the episode before.
 
     It is 0 if the battery is unlimited. Raises PolicyError if the table of steps lacks it.
@@ -42,11 +42,13 @@ def batteries_before_us(run: Run, episode: int) -> list[int]:
         last = steps["step"].max()
     ends = steps[steps["step"] == last].sort_values("drone")
     if not run.settings.carry_over or len(ends) != len(types) or _ended(types, ends["crashed"]):
-        return [own.capacity_us for own in types]
+        return [own.capacity for own in types]
     held_s = [s if own.limited else 0.0 for own, s in zip(types, ends["battery_s"], strict=True)]
     if pd.isna(held_s).any():
         raise PolicyError(f"{run.folder / 'steps.parquet'}: battery_s: a value is missing")
-    return [round(battery_s * own.per_second) for own, battery_s in zip(types, held_s, strict=True)]
+    return [
+        round(battery_s * own.drain_per_s) for own, battery_s in zip(types, held_s, strict=True)
+    ]
 
 
 def _ended(types: Sequence[DroneType], crashed: Iterable[bool]) -> bool:
@@ -67,7 +69,7 @@ def battery_curve(
     energy, charging = own.drones.battery, own.scenario.charging
     assert energy is not None
     assert charging is not None
-    knots = battery_knots(begins_with, records, events, own.capacity_us, charging)
+    knots = battery_knots(begins_with, records, events, own.capacity, charging)
     flown = knots_in_flight(energy, track, knots, end_us)
     return sorted([*flown, *knots], key=lambda knot: knot[0])
 
@@ -94,10 +96,10 @@ def battery_knots(
         elif kind == "charged":
             knots.append((t_us, max(full, knots[-1][1] if knots[-1][0] == t_us else 0)))
         elif kind in ("land", "charge"):
-            held, until_us = _on_landing(events[k:], records, capacity, charging)
-            knots.append((t_us, held))
+            charge, until_us = _on_landing(events[k:], records, capacity, charging)
+            knots.append((t_us, charge))
             if kind == "charge":
-                knots += _while_charging(held, t_us, until_us, capacity, charging)
+                knots += _while_charging(charge, t_us, until_us, capacity, charging)
     # The sort is stable: jumps keep their order, and a replacement at a record comes after it.
     return sorted(knots, key=lambda knot: knot[0])
 
@@ -111,61 +113,61 @@ def knots_in_flight(
     the end of the hop before it. If it began before the episode, the energy until then is added.
     """
     times = [t_us for t_us, _ in knots]
-    landed_us, held = -1, 0
+    landed_us, charge = -1, 0
     for number, flight in track.flights():
         starts_us = int(track.starts_us[number])
         if starts_us < 0:
-            held = knots[0][1] + energy.drained_us(flight, -starts_us)
+            charge = knots[0][1] + energy.drain_of(flight, -starts_us)
         elif starts_us != landed_us:
-            held = knots[bisect_right(times, starts_us) - 1][1]
+            charge = knots[bisect_right(times, starts_us) - 1][1]
         until_us = min(end_us, track.until_us(number))
         for elapsed_us in () if _is_even(energy, flight) else samples_us(flight):
             if elapsed_us > 0 and 0 < starts_us + elapsed_us <= until_us:
-                yield starts_us + elapsed_us, held - energy.drained_us(flight, elapsed_us)
+                yield starts_us + elapsed_us, charge - energy.drain_of(flight, elapsed_us)
         landed_us = starts_us + flight.duration_us
-        held -= energy.drained_us(flight, flight.duration_us)
+        charge -= energy.drain_of(flight, flight.duration_us)
 
 
 def _is_even(energy: Energy, flight: Transit) -> bool:
     """Return whether a flight takes a microsecond of autonomy in each microsecond."""
     times = (flight.duration_us // 2, flight.duration_us)
-    return all(energy.drained_us(flight, t_us) == t_us for t_us in times)
+    return all(energy.drain_of(flight, t_us) == t_us for t_us in times)
 
 
 def samples_us(flight: Transit, ramp_parts: int = RAMP_PARTS) -> list[int]:
     """Return the times of a flight between which its power is near constant, from 0 to its end."""
     pieces = flight.profile.tolist()
-    found = [0]
+    times_us = [0]
     for piece, after in pairwise(pieces):
         parts = ramp_parts if piece[ACCELERATION] else 1
         span_s = after[START] - piece[START]
-        found += [round((piece[START] + span_s * k / parts) * US) for k in range(1, parts + 1)]
-    return sorted({min(t_us, flight.duration_us) for t_us in found} | {flight.duration_us})
+        times_us += [round((piece[START] + span_s * k / parts) * US) for k in range(1, parts + 1)]
+    return sorted({min(t_us, flight.duration_us) for t_us in times_us} | {flight.duration_us})
 
 
 def powers_w(
     energy: Energy, flight: Transit, ramp_parts: int = RAMP_PARTS
 ) -> list[tuple[float, float]]:
     """Return times of a flight in seconds and the power then in watts, near linear in between."""
-    found = []
+    powers = []
     for t_us in samples_us(flight, ramp_parts):
         low, high = max(0, t_us - NEAR_US), min(flight.duration_us, t_us + NEAR_US)
-        used = energy.drained_us(flight, high) - energy.drained_us(flight, low)
-        found.append((t_us / US, round(used / (high - low), 3)))
-    return found
+        used = energy.drain_of(flight, high) - energy.drain_of(flight, low)
+        powers.append((t_us / US, round(used / (high - low), 3)))
+    return powers
 
 
 def _while_charging(
-    held: int, t_us: int, until_us: int, capacity: int, charging: Charging
+    charge: int, t_us: int, until_us: int, capacity: int, charging: Charging
 ) -> list[Knot]:
     """Return knots between the start and the end of a charge; none if it is linear."""
     span_us = until_us - t_us
-    halfway = charging.charged(held, span_us // 2, capacity)
-    ends = charging.charged(held, span_us, capacity)
-    if span_us < PARTS or abs(2 * halfway - held - ends) <= 4 + 2 * (ends - held) // span_us:
+    halfway = charging.charged(charge, span_us // 2, capacity)
+    ends = charging.charged(charge, span_us, capacity)
+    if span_us < PARTS or abs(2 * halfway - charge - ends) <= 4 + 2 * (ends - charge) // span_us:
         return []
     parts = [span_us * k // PARTS for k in range(1, PARTS)] + [span_us - 1]
-    return [(t_us + part_us, charging.charged(held, part_us, capacity)) for part_us in parts]
+    return [(t_us + part_us, charging.charged(charge, part_us, capacity)) for part_us in parts]
 
 
 def _on_landing(
@@ -175,20 +177,20 @@ def _on_landing(
 
     The second number is the time until which it charges; if it does not, that of the last record.
     """
-    lands_us, (ends_us, held) = events[0][0], records[-1]
+    lands_us, (ends_us, level) = events[0][0], records[-1]
     charge_us = next((t_us for t_us, kind in events if kind == "charge"), None)
     full_at_us = next((t_us for t_us, kind in events if kind == "charged"), None)
     until_us = ends_us if full_at_us is None else full_at_us
     waits = [charge for t_us, charge in records if lands_us <= t_us <= (charge_us or lands_us)]
     if charge_us is None:  # it waits for a pad until the end
-        return held, ends_us
+        return level, ends_us
     if waits:
         return waits[0], until_us
-    known = next(((t, c) for t, c in records if charge_us < t < until_us), None)
-    if known is not None or full_at_us is None:
-        t_us, held = known or records[-1]
+    record = next(((t, c) for t, c in records if charge_us < t < until_us), None)
+    if record is not None or full_at_us is None:
+        t_us, level = record or records[-1]
         span_us = t_us - charge_us
-        return _least(capacity, lambda b: charging.charged(b, span_us, capacity) >= held), until_us
+        return _least(capacity, lambda b: charging.charged(b, span_us, capacity) >= level), until_us
     span_us = full_at_us - charge_us
     return _least(capacity, lambda b: charging.until_full_us(b, capacity) <= span_us), until_us
 

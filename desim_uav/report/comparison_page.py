@@ -53,25 +53,25 @@ class Compared:
         return sorted(runs, key=lambda run: int(run.summary["seed"]))
 
 
-def comparison_page(found: Compared, title: str | None) -> str:
+def comparison_page(comparison: Compared, title: str | None) -> str:
     """Return the page as HTML."""
-    content = found.content
-    seeds = {run.summary["seed"] for run in found.runs}
-    default = f"{content['scenario']}: {', '.join(found.policies)}"
+    content = comparison.content
+    seeds = {run.summary["seed"] for run in comparison.runs}
+    default = f"{content['scenario']}: {', '.join(comparison.policies)}"
     lead = (
-        f"{count(len(found.runs), 'run')} on {count(len(seeds), 'seed')}, each of "
+        f"{count(len(comparison.runs), 'run')} on {count(len(seeds), 'seed')}, each of "
         f"{count(content['episodes'], 'episode')} after {content['warmup']} of warm-up"
     )
-    return page(title or default, lead, ((name, section(found)) for name, section in SECTIONS))
+    return page(title or default, lead, ((name, section(comparison)) for name, section in SECTIONS))
 
 
-def _policies(found: Compared) -> Html:
+def _policies(comparison: Compared) -> Html:
     """Return the table of means over seeds."""
     return joined(
         [
-            _estimates(found.content["policies"], "seeds"),
+            _estimates(comparison.content["policies"], "seeds"),
             paragraph(
-                f"{intervals.sentence(intervals.mean_words(found.content['policies']))} "
+                f"{intervals.sentence(intervals.mean_words(comparison.content['policies']))} "
                 "A seed is a replication: its episodes are averaged first.",
                 class_="note",
             ),
@@ -79,9 +79,9 @@ def _policies(found: Compared) -> Html:
     )
 
 
-def _differences(found: Compared) -> Html:
+def _differences(comparison: Compared) -> Html:
     """Return the table of differences from the reference policy."""
-    rows = found.content["differences"]
+    rows = comparison.content["differences"]
     if not rows:
         return Html("")
     apart = [row["policy"] for row in rows if not row["seeds"]]
@@ -93,8 +93,8 @@ def _differences(found: Compared) -> Html:
         [
             _estimates(rows, "pairs"),
             paragraph(
-                f"Difference from {found.content['against']} on the seeds (and worlds) that both "
-                "have, so with the same users and requests. ",
+                f"Difference from {comparison.content['against']} on the seeds (and worlds) that "
+                "both have, so with the same users and requests. ",
                 bold,
                 alone,
                 f"No seed and world in common: {', '.join(apart)}." if apart else None,
@@ -105,107 +105,110 @@ def _differences(found: Compared) -> Html:
 
 
 def _estimates(rows: Sequence[dict[str, Any]], counted: str) -> Html:
-    shown = compared(rows[0]["measures"])
-    headings = ["policy", counted, *(heading(label) for label, _ in shown.values())]
+    looks = compared(rows[0]["measures"])
+    headings = ["policy", counted, *(heading(label) for label, _ in looks.values())]
     cells = (
         [
             row["policy"],
             len(row["seeds"]),
-            *(estimate_cell(row["measures"][name], form) for name, (_, form) in shown.items()),
+            *(estimate_cell(row["measures"][name], form) for name, (_, form) in looks.items()),
         ]
         for row in rows
     )
     return table(headings, cells, (0,))
 
 
-def estimate_cell(found: dict[str, Any], form: str) -> Html:
+def estimate_cell(estimate: dict[str, Any], form: str) -> Html:
     """Return a table cell with a mean and its half-width, and the interval below them."""
-    mean, half_width = number(found["mean"], form), found["half_width"]
+    mean, half_width = number(estimate["mean"], form), estimate["half_width"]
     if half_width is None:
         return joined([mean])
     text = f"{mean} ± {half_width:{form}}"
-    low, high = found["mean"] - half_width, found["mean"] + half_width
-    name = "strong" if found.get("excludes_zero") else "span"
+    low, high = estimate["mean"] - half_width, estimate["mean"] + half_width
+    name = "strong" if estimate.get("excludes_zero") else "span"
     return joined([tag(name, text), tag("small", f"[{low:{form}}, {high:{form}}]")])
 
 
-def _intervals(found: Compared) -> Html:
+def _intervals(comparison: Compared) -> Html:
     """Return the figures of the two tables."""
-    content = found.content
+    content = comparison.content
     looks = compared(content["policies"][0]["measures"])
     titles = {name: label for name, (label, _) in looks.items()}
     pictures = [
         Picture(
             "Policies",
             intervals.sentence(intervals.mean_words(content["policies"])),
-            partial(intervals_figure, content["policies"], found.policies, titles, False),
+            partial(intervals_figure, content["policies"], comparison.policies, titles, False),
         )
     ]
     if content["differences"]:
         rows = content["differences"]
         against = f"Minus {content['against']}, paired by seed, {intervals.interval_words(rows)}."
-        draw = partial(intervals_figure, rows, found.policies, titles, True)
+        draw = partial(intervals_figure, rows, comparison.policies, titles, True)
         pictures.append(Picture("Differences", against, draw))
     return gallery(pictures, 0)
 
 
-def _services(found: Compared) -> Html:
+def _services(comparison: Compared) -> Html:
     """Return the table of means over seeds, by service and policy."""
-    there = found.by_service[0]["measures"] if found.by_service else {}
-    shown = {name: look for name, look in MEASURES.items() if name in there}
-    headings = ["service", "policy", *(heading(label) for label, _ in shown.values())]
+    there = comparison.by_service[0]["measures"] if comparison.by_service else {}
+    looks = {name: look for name, look in MEASURES.items() if name in there}
+    headings = ["service", "policy", *(heading(label) for label, _ in looks.values())]
     rows = (
         [
             row["service"],
             row["policy"],
             *(
                 _short(row["measures"][name], ".1f" if form == "d" else form)
-                for name, (_, form) in shown.items()
+                for name, (_, form) in looks.items()
             ),
         ]
-        for row in found.by_service
+        for row in comparison.by_service
     )
-    note = f"Per run: {intervals.mean_words(found.by_service)}."
+    note = f"Per run: {intervals.mean_words(comparison.by_service)}."
     return joined([table(headings, rows, (0, 1)), paragraph(note, class_="note")])
 
 
-def _short(found: dict[str, Any], form: str) -> str:
-    half_width = found["half_width"]
-    return number(found["mean"], form) + ("" if half_width is None else f" ± {half_width:{form}}")
+def _short(estimate: dict[str, Any], form: str) -> str:
+    half_width = estimate["half_width"]
+    return number(estimate["mean"], form) + (
+        "" if half_width is None else f" ± {half_width:{form}}"
+    )
 
 
-def _maps(found: Compared) -> Html:
+def _maps(comparison: Compared) -> Html:
     """Return a map per policy, with its flights on its first seed."""
     pictures = []
-    for policy in found.policies[:MOST_MAPS]:
-        run = found.of(policy)[0]
+    for policy in comparison.policies[:MOST_MAPS]:
+        run = comparison.of(policy)[0]
         draw = partial(case_picture, run, run.counted_episodes[0], width=NARROW)
         caption = f"Seed {run.summary['seed']}, the end of the first counted episode."
         pictures.append(Picture(policy, caption, draw))
-    left = len(found.policies) - len(pictures)
+    left = len(comparison.policies) - len(pictures)
     more = paragraph(f"The maps of {left} more policies are left out.", class_="note")
     return joined([gallery(pictures, 2), more if left else None])
 
 
-def _worst(found: Compared) -> Html:
+def _worst(comparison: Compared) -> Html:
     """Return the worst requests of each policy over all its seeds."""
     return joined(
-        folded(policy, worst_requests(found.of(policy)), opened=True) for policy in found.policies
+        folded(policy, worst_requests(comparison.of(policy)), opened=True)
+        for policy in comparison.policies
     )
 
 
-def _runs(found: Compared) -> Html:
+def _runs(comparison: Compared) -> Html:
     """Return the values of each seed, and the folder and command of each run."""
-    shown = compared(found.content["replications"][0])
-    headings = ["policy", "seed", "world", *(heading(label) for label, _ in shown.values())]
+    looks = compared(comparison.content["replications"][0])
+    headings = ["policy", "seed", "world", *(heading(label) for label, _ in looks.values())]
     values = (
         [
             row["policy"],
             row["seed"],
             row["world_seed"],
-            *(number(row[name], form) for name, (_, form) in shown.items()),
+            *(number(row[name], form) for name, (_, form) in looks.items()),
         ]
-        for row in found.content["replications"]
+        for row in comparison.content["replications"]
     )
     folders = (
         [
@@ -215,7 +218,7 @@ def _runs(found: Compared) -> Html:
             engine_of(run.manifest),
             command_of(run),
         ]
-        for run in found.runs
+        for run in comparison.runs
     )
     return joined(
         [
@@ -226,13 +229,13 @@ def _runs(found: Compared) -> Html:
                 "Folders and commands",
                 table(("policy", "seed", "folder", "engine", "command"), folders, (0, 2, 3, 4)),
             ),
-            tag("div", facts(version_facts(found.runs)), class_="facts"),
+            tag("div", facts(version_facts(comparison.runs)), class_="facts"),
         ]
     )
 
 
-def _scenario(found: Compared) -> Html:
-    return scenario_section(found.runs[0])
+def _scenario(comparison: Compared) -> Html:
+    return scenario_section(comparison.runs[0])
 
 
 SECTIONS: tuple[tuple[str, Callable[[Compared], Html]], ...] = (

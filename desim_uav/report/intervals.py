@@ -16,12 +16,12 @@ NONE_FROM_ONE = "no interval from a single seed"
 
 def have_interval(rows: Rows) -> bool:
     """Tell whether any measure of these rows has an interval."""
-    return any(found["half_width"] is not None for found in _measures(rows))
+    return any(estimate["half_width"] is not None for estimate in _measures(rows))
 
 
 def have_single(rows: Rows) -> bool:
     """Tell whether any measure of these rows comes from one seed alone."""
-    return any(found["n"] == 1 for found in _measures(rows))
+    return any(estimate["n"] == 1 for estimate in _measures(rows))
 
 
 def interval_words(rows: Rows) -> str:
@@ -46,7 +46,7 @@ def mean_words(rows: Rows) -> str:
 
 
 def _measures(rows: Rows) -> Iterable[dict[str, Any]]:
-    return (found for row in rows for found in row["measures"].values())
+    return (estimate for row in rows for estimate in row["measures"].values())
 
 
 def sentence(words: str) -> str:

@@ -27,16 +27,16 @@ def rings_of_type_m(world: World, z_m: float, number: int) -> NDArray[np.float64
     """Return the radius of each class around drones of a type, as ``rings_m`` does for one."""
     levels_m, links = world.grid.levels_m, world.links[number]
     radii_m = np.maximum(links.rings_m[:, 0, :], 0.0)
-    found: NDArray[np.float64] = np.array([np.interp(z_m, levels_m, own) for own in radii_m.T])
-    return found
+    rings: NDArray[np.float64] = np.array([np.interp(z_m, levels_m, own) for own in radii_m.T])
+    return rings
 
 
 def point_rings_m(world: World, number: int) -> NDArray[np.float64]:
     """Return the radius of each class around an access point, as ``rings_m`` does for a drone."""
-    found: NDArray[np.float64] = np.maximum(
+    rings: NDArray[np.float64] = np.maximum(
         world.links[len(world.types) + number].rings_m[0, 0], 0.0
     )
-    return found
+    return rings
 
 
 def shade(classes: int) -> float:
@@ -104,9 +104,9 @@ def _type_content(world: World, number: int) -> dict[str, Any]:
         }
     return {
         "name": world.scenario.type_names[number],
-        "capacity_us": own.hover_us(own.capacity_us) if own.limited else None,
-        "capacity_wh": own.capacity_us / WH_UJ if own.in_joules else None,
-        "hover_w": own.per_second / US if own.in_joules else None,
+        "capacity_us": own.hover_us(own.capacity) if own.limited else None,
+        "capacity_wh": own.capacity / WH_UJ if own.in_joules else None,
+        "hover_w": own.drain_per_s / US if own.in_joules else None,
         "bandwidth_hz": None if unlimited else round(links.bandwidth_hz),
         "footprint_m": links.reach_m,
         "rings": rings,

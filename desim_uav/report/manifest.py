@@ -10,7 +10,7 @@ from pydantic import Field
 
 from desim_uav.report.json_file import Form, read_json
 
-Text = Annotated[str, Field(max_length=10_000)]
+ManifestText = Annotated[str, Field(max_length=10_000)]
 PLAYERS = ("des", "batch")
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 
@@ -18,8 +18,8 @@ Count = Annotated[int, Field(ge=0, lt=2**63)]
 class Named(Form):
     """The entries that are needed to name a run."""
 
-    scenario: Text
-    policy: Text
+    scenario: ManifestText
+    policy: ManifestText
     seed: Count
 
 
@@ -45,16 +45,16 @@ def read_settings(folder: Path) -> Settings:
 
 def engine_of(manifest: Mapping[str, Any]) -> str | None:
     """Return which engine was asked for, and which has played how many episodes."""
-    asked, played = manifest.get("engine"), read_played_by(manifest)
+    engine, played = manifest.get("engine"), read_played_by(manifest)
     each = ", ".join(f"{name}: {count}" for name, count in played.items())
-    return f"{asked} ({each})" if asked == "auto" and each else asked
+    return f"{engine} ({each})" if engine == "auto" and each else engine
 
 
 def read_played_by(manifest: Mapping[str, Any]) -> dict[str, int]:
     """Return how many episodes each engine has played, as far as a manifest says so."""
     played = manifest.get("played_by")
-    known = played.items() if isinstance(played, dict) else ()
-    return {name: count for name, count in known if name in PLAYERS and type(count) is int}
+    counts = played.items() if isinstance(played, dict) else ()
+    return {name: count for name, count in counts if name in PLAYERS and type(count) is int}
 
 
 def _read(folder: Path, form: type[Form]) -> dict[str, Any]:

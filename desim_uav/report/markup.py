@@ -28,8 +28,8 @@ def visible(text: str, longest: int | None = None) -> str:
     return text if text.isprintable() else UNUSUAL.sub(_visible, text)
 
 
-def _visible(found: re.Match[str]) -> str:
-    character = found[0]
+def _visible(match: re.Match[str]) -> str:
+    character = match[0]
     if unicodedata.category(character) not in INVISIBLE:
         return character
     code = ord(character)

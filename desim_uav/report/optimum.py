@@ -13,24 +13,24 @@ from desim_uav.errors import printable
 from desim_uav.notices import tell
 from desim_uav.report.text import print_table
 
-Row = tuple[str, str, str, str, str, Any]
+OptimumRow = tuple[str, str, str, str, str, Any]
 """What is the best, its QoE3, its reward, what is proven, its cells, and its policy or None."""
 
 
 HEADINGS = ("the best", "QoE3\n%", "reward\nper step", "proven\nat most", "cells")
 
 
-def title_of(found: dict[str, Any]) -> str:
+def title_of(solution: dict[str, Any]) -> str:
     """Return what was solved."""
     title = "{scenario}, world seed {world_seed}: {drones} drone(s), {users} user(s)"
-    return printable(title.format(**found))
+    return printable(title.format(**solution))
 
 
-def print_optimum(found: dict[str, Any]) -> None:
+def print_optimum(solution: dict[str, Any]) -> None:
     """Print how well any policy could do: a row for each optimum, and the best flights."""
-    rows = list(optima(found))
+    rows = list(optima(solution))
     table = Table(
-        title=Text(title_of(found)),
+        title=Text(title_of(solution)),
         box=box.SIMPLE_HEAD,
         padding=(0, 0, 0, 1),
         title_justify="left",
@@ -46,30 +46,30 @@ def print_optimum(found: dict[str, Any]) -> None:
     for name, *_, policy in rows:
         if policy is not None:
             tell(f"{name}: {_itinerary(policy)}")
-    if found["runs"] is not None:
-        tell(runs_in_words(found["runs"]))
-    if found["runs_refused"] is not None:
-        tell(f"no bounds of runs: {found['runs_refused']}")
+    if solution["runs"] is not None:
+        tell(runs_in_words(solution["runs"]))
+    if solution["runs_refused"] is not None:
+        tell(f"no bounds of runs: {solution['runs_refused']}")
 
 
-def optima(found: dict[str, Any]) -> Iterator[Row]:
+def optima(solution: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of the table."""
-    if found["cover"] is not None:
-        yield from _hovering(found)
-    if found["one_drone"] is not None:
-        yield from _alone(found["one_drone"])
-    if found["discounted"] is not None:
-        best = found["discounted"]
+    if solution["cover"] is not None:
+        yield from _hovering(solution)
+    if solution["one_drone"] is not None:
+        yield from _alone(solution["one_drone"])
+    if solution["discounted"] is not None:
+        best = solution["discounted"]
         name, value = f"return, γ = {best['gamma']:g}", f"{best['return']:.4f}"
         yield f"{name}: {value}", "", f"{best['reward_per_step']:.4f}", "", "", best["policy"]
-    if found["runs"] is not None:
-        yield from _in_runs(found["runs"])
+    if solution["runs"] is not None:
+        yield from _in_runs(solution["runs"])
 
 
-def _hovering(found: dict[str, Any]) -> Iterator[Row]:
+def _hovering(solution: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of the best cells."""
-    cover, fair = found["cover"], found["fair_cover"]
-    at_most = f"{found['instant_at_most_percent']:.1f} %"
+    cover, fair = solution["cover"], solution["fair_cover"]
+    at_most = f"{solution['instant_at_most_percent']:.1f} %"
     yield "QoE3, at any instant", "", "", at_most, "", None
     qoe3, at_most = f"{cover['qoe3_percent']:.1f}", f"{cover['at_most_percent']:.1f} %"
     yield "QoE3, hovering", qoe3, "", at_most, _cells(cover), None
@@ -80,7 +80,7 @@ def _hovering(found: dict[str, Any]) -> Iterator[Row]:
         yield "reward, hovering", qoe3, reward, at_most, _cells(fair), None
 
 
-def _alone(lone: dict[str, Any]) -> Iterator[Row]:
+def _alone(lone: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of the best of one drone."""
     for name in ("reward", "QoE3"):
         best = lone[f"best_{name.lower()}"]
@@ -89,7 +89,7 @@ def _alone(lone: dict[str, Any]) -> Iterator[Row]:
         yield f"{name}, {lone['over']}", qoe3, reward, at_most, "", best["policy"]
 
 
-def _in_runs(runs: dict[str, Any]) -> Iterator[Row]:
+def _in_runs(runs: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of bounds of runs."""
     means, over = runs["means"], f"in a run of {runs['episodes']} episode(s)"
     reached = means["schedule_qoe3_percent"]["mean"]
@@ -107,24 +107,24 @@ def runs_in_words(runs: dict[str, Any]) -> str:
         means[f"{name}_percent"] for name in ("qoe3_at_most", "qoe1_at_most", "schedule_qoe3")
     )
     seeds = f"seed {rows[0]['seed']}" if len(rows) == 1 else f"{len(rows)} seeds"
-    said = f"In a run on {seeds}, no policy exceeds a QoE3 of {_estimate(qoe3)} %"
+    sentences = f"In a run on {seeds}, no policy exceeds a QoE3 of {_estimate(qoe3)} %"
     if reached["mean"]:
         gap = 100.0 * (qoe3["mean"] / reached["mean"] - 1.0)
-        said += (
+        sentences += (
             f"; a schedule that knows all walks reaches {_estimate(reached)} %, so this bound is "
             f"at most {gap:.1f} % too high"
         )
     if qoe1["mean"] is not None:
-        said += f". No policy exceeds a QoE1 of {_estimate(qoe1)} %"
+        sentences += f". No policy exceeds a QoE1 of {_estimate(qoe1)} %"
         if qoe1["mean"] >= 100.0 and qoe3["mean"] < 100.0:
-            said += ", which says nothing: the bound of QoE1 is not tight here"
-    return f"{said}."
+            sentences += ", which says nothing: the bound of QoE1 is not tight here"
+    return f"{sentences}."
 
 
-def _estimate(found: dict[str, Any]) -> str:
+def _estimate(estimate: dict[str, Any]) -> str:
     """Return a mean with the half-width of its interval, if it has one."""
-    half_width = found["half_width"]
-    return f"{found['mean']:.2f}" + ("" if half_width is None else f" ± {half_width:.2f}")
+    half_width = estimate["half_width"]
+    return f"{estimate['mean']:.2f}" + ("" if half_width is None else f" ± {half_width:.2f}")
 
 
 def _cells(best: dict[str, Any]) -> str:

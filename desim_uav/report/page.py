@@ -99,21 +99,21 @@ def _anchor(name: str) -> str:
 
 def tiles(pairs: Iterable[tuple[str, str]]) -> markup.Html:
     """Return the most important numbers as tiles."""
-    shown = (
+    entries = (
         markup.tag("div", markup.tag("dt", name), markup.tag("dd", value)) for name, value in pairs
     )
-    return markup.tag("dl", markup.joined(shown), class_="tiles")
+    return markup.tag("dl", markup.joined(entries), class_="tiles")
 
 
 def qoe_table(by: str, rows: Sequence[dict[str, Any]]) -> markup.Html:
     """Return a table of the measures of groups of requests, as in ``desim-uav qoe``."""
     looks = MEASURES | OF_EPISODES
-    shown = {name: look for name, look in looks.items() if any(name in row for row in rows)}
-    headings = [by, *(heading(label) for label, _ in shown.values())]
+    columns = {name: look for name, look in looks.items() if any(name in row for row in rows)}
+    headings = [by, *(heading(label) for label, _ in columns.values())]
     return markup.table(
         headings,
         (
-            [row[by], *(number(row.get(name), form) for name, (_, form) in shown.items())]
+            [row[by], *(number(row.get(name), form) for name, (_, form) in columns.items())]
             for row in rows
         ),
         (0,),
@@ -192,9 +192,9 @@ def command_of(run: Reported) -> markup.Html | None:
 
 def version_facts(runs: Sequence[Reported]) -> list[tuple[str, str]]:
     """Return the packages of some runs with all their versions."""
-    found: dict[str, dict[str, None]] = {}
+    versions_of: dict[str, dict[str, None]] = {}
     for run in runs:
         versions = run.manifest.get("versions")
         for name, version in versions.items() if isinstance(versions, dict) else ():
-            found.setdefault(name, {})[str(version)] = None
-    return [(name, ", ".join(versions)) for name, versions in found.items()]
+            versions_of.setdefault(name, {})[str(version)] = None
+    return [(name, ", ".join(versions)) for name, versions in versions_of.items()]

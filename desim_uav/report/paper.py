@@ -28,6 +28,6 @@ def print_claims(claims: Sequence[tuple[str, str, bool]]) -> None:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
     for heading in ("claim", "found", "holds"):
         table.add_column(heading)
-    for text, found, holds in claims:
-        table.add_row(Text(text), Text(found), "yes" if holds else "NO")
+    for text, value, holds in claims:
+        table.add_row(Text(text), Text(value), "yes" if holds else "NO")
     print_table(table)

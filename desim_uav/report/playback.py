@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import Measures, UserState
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import US, Mode, Phase
-from desim_uav.report.batteries import batteries_before_us, battery_curve
+from desim_uav.report.batteries import battery_curve, charges_before
 from desim_uav.report.links import full_service_s
 from desim_uav.report.run import Run
 from desim_uav.report.tracks import Track
@@ -99,8 +99,8 @@ class Playback:
     def way_m(self, drone: int, t_us: int) -> Floats:
         """Return the places at which a drone's path begins and bends until an instant, (n, 3)."""
         track = self._tracks[drone]
-        begun = track.starts_us[(track.starts_us > 0) & (track.starts_us < t_us)]
-        return np.array([track.position_m(t) for t in (0, *begun.tolist(), t_us)])
+        starts_us = track.starts_us[(track.starts_us > 0) & (track.starts_us < t_us)]
+        return np.array([track.position_m(t) for t in (0, *starts_us.tolist(), t_us)])
 
     def spans(self, drone: int) -> Iterator[tuple[int, int, Mode]]:
         """Yield a drone's modes one after the other: start and end (µs), and the mode."""
@@ -144,7 +144,7 @@ class Playback:
     def _changes(self) -> list[tuple[Ints, list[Mode]]]:
         """For each drone the keys of the events that change its mode, and the new modes."""
         events = self._events[self._events["kind"].isin([*LEADS_TO, "depart"])]
-        found = []
+        changes = []
         for drone, track in enumerate(self._tracks):
             mine = events[events["drone"] == drone]
             flown = dict(zip(track.starts_us.tolist(), track.modes, strict=True))
@@ -156,8 +156,8 @@ class Playback:
                 for kind, t_us in zip(mine["kind"], mine["t_us"].tolist(), strict=True)
             ]
             keys = np.concatenate(([-1], mine["key"].to_numpy()))
-            found.append((keys, [track.modes[0], *modes]))
-        return found
+            changes.append((keys, [track.modes[0], *modes]))
+        return changes
 
     def _mode(self, drone: int, key: int) -> Mode:
         keys, modes = self._changes[drone]
@@ -170,11 +170,11 @@ class Playback:
         There are none of a drone whose battery is unlimited.
         """
         world, steps = self.run.world, self.run.of("steps", self.episode)
-        found = []
-        for drone, begins_us in enumerate(batteries_before_us(self.run, self.episode)):
+        charges = []
+        for drone, begins_us in enumerate(charges_before(self.run, self.episode)):
             own, drone_type = steps[steps["drone"] == drone], world.type_of(drone)
             if not drone_type.limited:
-                found.append((np.empty(0), np.empty(0)))
+                charges.append((np.empty(0), np.empty(0)))
                 continue
             events = self._events[(self._events["drone"] == drone) & self._events["user"].isna()]
             knots = battery_curve(
@@ -182,15 +182,15 @@ class Playback:
                 self._tracks[drone],
                 begins_us,
                 [
-                    (round(t_s * US), round(left_s * drone_type.per_second))
+                    (round(t_s * US), round(left_s * drone_type.drain_per_s))
                     for t_s, left_s in zip(own["t_s"], own["battery_s"], strict=True)
                 ],
                 [*zip(events["t_us"].tolist(), events["kind"], strict=True)],
                 self.duration_us,
             )
             t_us, left = np.array(knots, np.float64).T
-            found.append((t_us / US, left / drone_type.per_second))
-        return found
+            charges.append((t_us / US, left / drone_type.drain_per_s))
+        return charges
 
     def _battery_s(self, drone: int, t_us: int) -> float | None:
         t_s, battery_s = self.batteries[drone]
@@ -236,7 +236,7 @@ class Playback:
         )
 
     @cached_property
-    def _requests(self) -> Requests:
+    def _requests(self) -> RequestTimes:
         requests = self.run.of("requests", self.episode)
         events = self._events.dropna(subset=["request_id"])
         opened = events[events["kind"] == "request"]
@@ -246,9 +246,9 @@ class Playback:
             keys = pd.Series(rows["key"].to_numpy(), rows["request_id"].to_numpy(np.int64))
             return np.asarray(keys[requests["request_id"]], np.int64)
 
-        columns = [requests[name].to_numpy() for name in Requests._fields[:4]]
+        columns = [requests[name].to_numpy() for name in RequestTimes._fields[:4]]
         full_s = full_service_s(requests)
-        return Requests._make([*columns, full_s, key_of(opened), key_of(closed)])
+        return RequestTimes._make([*columns, full_s, key_of(opened), key_of(closed)])
 
     def _users_at(self, key: int) -> tuple[Ints, Ints, Ints]:
         """Return by user the drone it is attached to and the one that serves it, and who asks."""
@@ -272,36 +272,36 @@ class Playback:
 
     def _users_m(self, t_us: int) -> Floats:
         keys, times, places, room = self._walks
-        asked = np.arange(len(self.run.world.homes)) * room + min(t_us, room - 1)
-        before = np.searchsorted(keys, asked, "right") - 1
+        keys_at = np.arange(len(self.run.world.homes)) * room + min(t_us, room - 1)
+        before = np.searchsorted(keys, keys_at, "right") - 1
         after = np.minimum(before + 1, len(keys) - 1)
         length = times[after] - times[before]
         moves = length > 0  # otherwise it is a user's last way point
         share = np.where(moves, (t_us - times[before]) / np.where(moves, length, 1), 0.0)
-        found: Floats = places[before] + share[:, None] * (places[after] - places[before])
-        return found
+        users_m: Floats = places[before] + share[:, None] * (places[after] - places[before])
+        return users_m
 
     # ---- measures
 
     def _measures(self, t_us: int, key: int) -> Measures:
         """Return the quality of experience so far, including that of open requests."""
-        requests, served, held = self._requests, self.services, self.attachments
-        begun = requests.from_key <= key
-        held_us = held.lasted_us(t_us, key).sum()
+        requests, served, attachments = self._requests, self.services, self.attachments
+        underway = requests.from_key <= key
+        held_us = attachments.lasted_us(t_us, key).sum()
         users = len(self.run.world.homes)
         qoe3 = float(100 * held_us / (t_us * users)) if t_us else None
-        if not begun.any():
+        if not underway.any():
             return Measures(None, None, qoe3)
         of_request = np.searchsorted(requests.request_id, served.request_id)
-        served_us = np.bincount(of_request, served.lasted_us(t_us, key), len(begun))[begun]
-        end_s = np.minimum(requests.t_end_s[begun], t_us / US)
-        open_us = (end_s - requests.t_request_s[begun]) * US
-        qoe1 = 100 * float((served_us / US / requests.full_service_s[begun]).mean())
+        served_us = np.bincount(of_request, served.lasted_us(t_us, key), len(underway))[underway]
+        end_s = np.minimum(requests.t_end_s[underway], t_us / US)
+        open_us = (end_s - requests.t_request_s[underway]) * US
+        qoe1 = 100 * float((served_us / US / requests.full_service_s[underway]).mean())
         qoe2 = float((open_us - served_us).mean()) / self.run.world.step_us
         return Measures(qoe1, qoe2, qoe3)
 
 
-class Requests(NamedTuple):
+class RequestTimes(NamedTuple):
     """The requests of an episode as columns, in order of their numbers.
 
     Each is completed once it has been served for ``full_service_s`` (see ``report.links``).
@@ -333,5 +333,5 @@ class Spells(NamedTuple):
 
     def lasted_us(self, t_us: int, key: int) -> Ints:
         """Return how long each interval has lasted at an instant."""
-        begun = self.from_key <= key
-        return np.where(begun, np.minimum(self.to_us, t_us) - self.from_us, 0)
+        underway = self.from_key <= key
+        return np.where(underway, np.minimum(self.to_us, t_us) - self.from_us, 0)

@@ -51,7 +51,7 @@ class Run:
         """Return the rows of an episode."""
         if name in IN_TIME and not self.keeps_events:
             self.need([episode])
-            frame = self._made[name]
+            frame = self._again[name]
         else:
             frame = self.table(name)
         return frame[frame["episode"] == episode]
@@ -71,14 +71,14 @@ class Run:
 
         Raises NoEventsError if the run kept none and cannot be played again.
         """
-        if self.keeps_events or self._made_of >= set(episodes):
+        if self.keeps_events or self._again_of >= set(episodes):
             return
         self.table("requests")  # a folder that is not a run's gives a better message here
         if self.again is None:
             raise NoEventsError(f"{self.folder}: the run kept no events")
-        self._made.update(self.again(self, episodes))
-        self._made_of.clear()
-        self._made_of.update(episodes)
+        self._again.update(self.again(self, episodes))
+        self._again_of.clear()
+        self._again_of.update(episodes)
 
     @cached_property
     def keeps_events(self) -> bool:
@@ -90,11 +90,11 @@ class Run:
         return {}
 
     @cached_property
-    def _made(self) -> Tables:
+    def _again(self) -> Tables:
         return {}
 
     @cached_property
-    def _made_of(self) -> set[int]:
+    def _again_of(self) -> set[int]:
         return set()
 
     # ---- the run itself
@@ -171,19 +171,19 @@ class Run:
             raise PolicyError(f"{self.folder}: the run has no counted episode")
         return numbers
 
-    def episode(self, asked: int | None) -> int:
+    def episode(self, episode: int | None) -> int:
         """Return the requested episode, by default the first counted one.
 
         Raises UsageError if the run has no such episode.
         """
         there = self.episodes
-        if asked is None:
+        if episode is None:
             return next((number for number in there if number >= 0), there[0])
-        if asked not in there:
+        if episode not in there:
             raise UsageError(
-                f"--episode {asked}: {self.folder} has the episodes {there[0]} to {there[-1]}"
+                f"--episode {episode}: {self.folder} has the episodes {there[0]} to {there[-1]}"
             )
-        return asked
+        return episode
 
     def chosen(self, text: str | None) -> list[int]:
         """Return the episodes of a text such as ``0-9,12``, by default the counted ones.
@@ -193,14 +193,14 @@ class Run:
         there = self.episodes
         if text is None:
             return [number for number in there if number >= 0] or there
-        wanted = sorted({number for part in text.split(",") for number in _numbers(text, part)})
-        missing = sorted(set(wanted) - set(there))
+        numbers = sorted({number for part in text.split(",") for number in _numbers(text, part)})
+        missing = sorted(set(numbers) - set(there))
         if missing:
             raise UsageError(
                 f"--episodes {text}: there is no episode {missing[0]}; "
                 f"there are {there[0]} to {there[-1]}"
             )
-        return wanted
+        return numbers
 
     def duration_s(self, episode: int) -> float:
         """Return the duration of an episode."""

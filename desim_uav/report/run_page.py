@@ -41,35 +41,35 @@ def run_page(run: Reported, title: str | None) -> str:
 
 def _quality(run: Reported) -> Html:
     """Return the tables of QoE."""
-    found = run.summary
-    served = f"{found['completed']} of {found['requests']}"
+    summary = run.summary
+    served = f"{summary['completed']} of {summary['requests']}"
     first = [
-        ("QoE1", f"{number(found['qoe1_percent'], '.1f') or '-'} %"),
-        ("QoE2", f"{number(found['qoe2_iterations'], '.2f') or '-'} steps"),
-        ("QoE3", f"{number(found['qoe3_percent'], '.1f') or '-'} %"),
+        ("QoE1", f"{number(summary['qoe1_percent'], '.1f') or '-'} %"),
+        ("QoE2", f"{number(summary['qoe2_iterations'], '.2f') or '-'} steps"),
+        ("QoE3", f"{number(summary['qoe3_percent'], '.1f') or '-'} %"),
         ("requests completed", served),
-        ("crashes", str(found["crashes"])),
-        ("reward per episode", number(found["reward_mean"], ".2f") or "-"),
+        ("crashes", str(summary["crashes"])),
+        ("reward per episode", number(summary["reward_mean"], ".2f") or "-"),
     ]
-    if "link_handovers" in found:
+    if "link_handovers" in summary:
         first += [
-            ("handovers", f"{found['link_handovers']}"),
-            ("ping-pongs", f"{found['ping_pongs']}"),
-            ("outages", f"{found['outages']}, {number(found['outage_s'], '.0f')} s"),
-            ("delivered", f"{number(found['delivered_mbit'], '.0f')} Mbit"),
+            ("handovers", f"{summary['link_handovers']}"),
+            ("ping-pongs", f"{summary['ping_pongs']}"),
+            ("outages", f"{summary['outages']}, {number(summary['outage_s'], '.0f')} s"),
+            ("delivered", f"{number(summary['delivered_mbit'], '.0f')} Mbit"),
         ]
-    if "conflicts" in found:
-        least = number(found["least_distance_m"], ".1f")
+    if "conflicts" in summary:
+        least = number(summary["least_distance_m"], ".1f")
         first += [
-            ("conflicts", f"{found['conflicts']}, {number(found['conflict_s'], '.0f')} s"),
+            ("conflicts", f"{summary['conflicts']}, {number(summary['conflict_s'], '.0f')} s"),
             ("least distance", f"{least} m" if least else "-"),
         ]
-    if "energy_wh" in found:
+    if "energy_wh" in summary:
         first += [
-            ("energy used", f"{number(found['energy_wh'], '.1f')} Wh"),
-            ("per Mbit served", f"{number(found['j_per_mbit'], '.1f') or '-'} J"),
+            ("energy used", f"{number(summary['energy_wh'], '.1f')} Wh"),
+            ("per Mbit served", f"{number(summary['j_per_mbit'], '.1f') or '-'} J"),
         ]
-    every = {"service": "all"} | {name: found[name] for name in MEASURES}
+    every = {"service": "all"} | {name: summary[name] for name in MEASURES}
     rows = [every, *qoe.grouped(run.counted("requests"), "service")]
     return joined(
         [

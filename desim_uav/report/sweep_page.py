@@ -37,32 +37,32 @@ class Swept:
     failures: Sequence[dict[str, Any]]
 
 
-def sweep_page(found: Swept, title: str | None) -> str:
+def sweep_page(sweep: Swept, title: str | None) -> str:
     """Return the page as HTML."""
-    content = found.content
+    content = sweep.content
     keys = ", ".join(content["keys"]) or ", ".join(content["policies"])
     default = f"Sweep of {content['scenario']}: {keys}"
     lead = (
-        f"{found.ended:,} of {count(len(found.manifest['jobs']), 'job')} ended, each of "
-        f"{count(found.manifest['episodes'], 'episode')} after "
-        f"{found.manifest['warmup']} of warm-up"
+        f"{sweep.ended:,} of {count(len(sweep.manifest['jobs']), 'job')} ended, each of "
+        f"{count(sweep.manifest['episodes'], 'episode')} after "
+        f"{sweep.manifest['warmup']} of warm-up"
     )
-    sections = ((name, section(found)) for name, section in SECTIONS)
+    sections = ((name, section(sweep)) for name, section in SECTIONS)
     return page(title or default, lead, sections)
 
 
-def _results(found: Swept) -> Html:
+def _results(sweep: Swept) -> Html:
     """Return the table: a row per combination and policy."""
-    keys, estimates = list(found.content["keys"]), found.content["estimates"]
+    keys, estimates = list(sweep.content["keys"]), sweep.content["estimates"]
     headings = [*map(_key_heading, keys), "policy", "seeds"]
-    shown = compared(estimates[0]["measures"])
-    headings += [heading(label) for label, _ in shown.values()]
+    looks = compared(estimates[0]["measures"])
+    headings += [heading(label) for label, _ in looks.values()]
     rows = (
         [
             *(word(row[key]) for key in keys),
             row["policy"],
             max(of["n"] for of in row["measures"].values()),
-            *(_estimate(row["measures"][name], form) for name, (_, form) in shown.items()),
+            *(_estimate(row["measures"][name], form) for name, (_, form) in looks.items()),
         ]
         for row in estimates
     )
@@ -80,53 +80,53 @@ def _key_heading(key: str) -> Html:
     return Html(re.sub(r"([._])", r"\1<wbr>", html(key)))
 
 
-def _estimate(found: dict[str, Any], form: str) -> Html:
+def _estimate(estimate: dict[str, Any], form: str) -> Html:
     """Return a mean with its half-width below it, because so many columns must fit a page."""
-    mean, half_width = number(found["mean"], form), found["half_width"]
+    mean, half_width = number(estimate["mean"], form), estimate["half_width"]
     return joined([mean, None if half_width is None else tag("small", f"± {half_width:{form}}")])
 
 
-def _figures(found: Swept) -> Html:
-    shown = found.shown
+def _figures(sweep: Swept) -> Html:
+    content = sweep.shown
     titles = {name: COMPARED[name][0] for name in DRAWN}
-    if found.left_out:
-        return paragraph(found.left_out, class_="note")
-    if not shown["keys"]:
-        draw = partial(intervals_figure, shown["estimates"], shown["policies"], titles, False)
-        caption = sentence(mean_words(shown["estimates"]))
+    if sweep.left_out:
+        return paragraph(sweep.left_out, class_="note")
+    if not content["keys"]:
+        draw = partial(intervals_figure, content["estimates"], content["policies"], titles, False)
+        caption = sentence(mean_words(content["estimates"]))
         return gallery([Picture("Policies", caption, draw)], 0)
-    held = ", ".join(f"{key} = {value}" for key, value in shown["held"].items())
-    caption = f"Against {' and '.join(shown['keys'])}{f', with {held}' if held else ''}."
+    fixed = ", ".join(f"{key} = {value}" for key, value in content["held"].items())
+    caption = f"Against {' and '.join(content['keys'])}{f', with {fixed}' if fixed else ''}."
     pictures = [
-        Picture(titles[name], caption, partial(sweep_figure, shown, [name])) for name in DRAWN
+        Picture(titles[name], caption, partial(sweep_figure, content, [name])) for name in DRAWN
     ]
-    more = "Other values are drawn by desim-uav plot sweep with --key KEY=VALUE." if held else None
+    more = "Other values are drawn by desim-uav plot sweep with --key KEY=VALUE." if fixed else None
     return joined([gallery(pictures, 0), paragraph(more, class_="note") if more else None])
 
 
-def _failed(found: Swept) -> Html:
-    missing = len(found.manifest["jobs"]) - found.ended
+def _failed(sweep: Swept) -> Html:
+    missing = len(sweep.manifest["jobs"]) - sweep.ended
     if not missing:
         return Html("")
-    text = f"{count(missing, 'job')} of {len(found.manifest['jobs']):,} have no row"
-    text += f", and {len(found.failures):,} of them failed." if found.failures else "."
+    text = f"{count(missing, 'job')} of {len(sweep.manifest['jobs']):,} have no row"
+    text += f", and {len(sweep.failures):,} of them failed." if sweep.failures else "."
     text += " desim-uav sweep with --resume runs the missing jobs."
-    keys = [key for key in found.content["keys"] if all(key in row for row in found.failures)]
+    keys = [key for key in sweep.content["keys"] if all(key in row for row in sweep.failures)]
     names = [*keys, "policy", "seed", "reason"]
-    rows = ([word(row.get(name, "")) for name in names] for row in found.failures[:MOST_FAILURES])
-    listed = table(names, rows, range(len(names))) if found.failures else None
+    rows = ([word(row.get(name, "")) for name in names] for row in sweep.failures[:MOST_FAILURES])
+    listed = table(names, rows, range(len(names))) if sweep.failures else None
     return joined([paragraph(text), listed])
 
 
-def _provenance(found: Swept) -> Html:
-    manifest, scenario = found.manifest, found.manifest["scenario"]
+def _provenance(sweep: Swept) -> Html:
+    manifest, scenario = sweep.manifest, sweep.manifest["scenario"]
     command, versions = manifest.get("command"), manifest.get("versions")
     pairs: list[tuple[str, Any]] = [
-        ("folder", code(str(found.folder))),
+        ("folder", code(str(sweep.folder))),
         ("scenario", scenario.get("name")),
         ("scenario file", scenario.get("file")),
         ("its SHA-256", scenario.get("sha256")),
-        *((key, ", ".join(map(word, of))) for key, of in found.content["keys"].items()),
+        *((key, ", ".join(map(word, of))) for key, of in sweep.content["keys"].items()),
         ("policies", ", ".join(map(str, manifest.get("policies") or ()))),
         ("trained", ", ".join(map(str, manifest.get("algorithms") or ()))),
         ("seeds", ", ".join(map(str, manifest.get("seeds") or ()))),

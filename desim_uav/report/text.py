@@ -83,11 +83,11 @@ def in_world(summary: dict[str, Any]) -> str:
     return "" if seed == world_seed else f" in world {world_seed}"
 
 
-def print_fork(told: dict[str, Any]) -> None:
+def print_fork(content: dict[str, Any]) -> None:
     """Print the measures of both branches of a run since the episode of its fork."""
     title = "{scenario}, seed {seed}: {to} instead of {policy} from {episode}:{step} on"
     table = Table(
-        title=_text(title.format(**told)),
+        title=_text(title.format(**content)),
         box=box.SIMPLE_HEAD,
         padding=(0, 0, 0, 1),
         title_justify="left",
@@ -95,13 +95,13 @@ def print_fork(told: dict[str, Any]) -> None:
     table.add_column("", no_wrap=True)
     for heading, _ in FORKED.values():
         table.add_column(heading, justify="right")
-    rows = {"original": "original", "other": told["to"], "difference": "difference"}
-    for name, shown in rows.items():
+    rows = {"original": "original", "other": content["to"], "difference": "difference"}
+    for name, label in rows.items():
         signed = "+" if name == "difference" else ""
-        cells = (_cell(told[name], key, signed + form) for key, (_, form) in FORKED.items())
-        table.add_row(_text(shown), *cells)
+        cells = (_cell(content[name], key, signed + form) for key, (_, form) in FORKED.items())
+        table.add_row(_text(label), *cells)
     print_table(table)
-    tell(told["run_dir"])
+    tell(content["run_dir"])
 
 
 BENCHED = (
@@ -118,22 +118,22 @@ BENCHED = (
 """The measures of a seed of a submission: headings and formats."""
 
 
-def print_bench(told: dict[str, Any]) -> None:
+def print_bench(content: dict[str, Any]) -> None:
     """Print the rows of a submission to the benchmark."""
     table = Table(
-        title=_text("{task}, track {track}: {name}".format(**told)),
+        title=_text("{task}, track {track}: {name}".format(**content)),
         box=box.SIMPLE_HEAD,
         padding=(0, 0, 0, 1),
         title_justify="left",
     )
-    trained = ["training"] if len({row["training"] for row in told["rows"]}) > 1 else []
+    trained = ["training"] if len({row["training"] for row in content["rows"]}) > 1 else []
     for heading in (*trained, "seed"):
         table.add_column(heading, justify="right")
-    shown = {name: look for name, look in BENCHED.items() if name in told["rows"][0]}
-    for heading, _ in shown.values():
+    looks = {name: look for name, look in BENCHED.items() if name in content["rows"][0]}
+    for heading, _ in looks.values():
         table.add_column(heading, justify="right")
-    for row in told["rows"]:
-        cells = (_cell(row, name, form) for name, (_, form) in shown.items())
+    for row in content["rows"]:
+        cells = (_cell(row, name, form) for name, (_, form) in looks.items())
         table.add_row(*(str(row[name]) for name in (*trained, "seed")), *cells)
     print_table(table)
 
@@ -148,18 +148,18 @@ def links_in_words(summary: dict[str, Any]) -> str:
 
 def distances_in_words(summary: dict[str, Any]) -> str:
     """Return how often and how near drones came to each other, of the summary of a run."""
-    told = "{conflicts} conflict(s) between drones, {conflict_s:.1f} s in all"
+    form = "{conflicts} conflict(s) between drones, {conflict_s:.1f} s in all"
     if summary["least_distance_m"] is not None:
-        told += "; the least distance was {least_distance_m:.1f} m"
-    return told.format(**summary)
+        form += "; the least distance was {least_distance_m:.1f} m"
+    return form.format(**summary)
 
 
 def energy_in_words(summary: dict[str, Any]) -> str:
     """Return what energy the drones used and were charged with, of the summary of a run."""
-    told = "{energy_wh:.2f} Wh used in flight, {charged_wh:.2f} Wh charged"
+    form = "{energy_wh:.2f} Wh used in flight, {charged_wh:.2f} Wh charged"
     if summary["j_per_mbit"] is not None:
-        told += "; {j_per_mbit:.2f} J per Mbit of the {served_mbit:.1f} Mbit served"
-    return told.format(**summary)
+        form += "; {j_per_mbit:.2f} J per Mbit of the {served_mbit:.1f} Mbit served"
+    return form.format(**summary)
 
 
 def print_training(summary: dict[str, Any]) -> None:
@@ -191,18 +191,20 @@ def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
     _print(by, rows, "")
 
 
-def print_comparison(found: dict[str, Any]) -> None:
+def print_comparison(comparison: dict[str, Any]) -> None:
     """Print the measures of each policy, and its differences from the reference policy."""
-    title = "{scenario}, {episodes} episode(s) after {warmup} of warm-up".format(**found)
-    _print_estimates(f"{title}: {mean_words(found['policies'])}", "seeds", found["policies"])
-    if found["differences"]:
-        title = f"difference from {found['against']}, paired by seed"
-        _print_estimates(title, "pairs", found["differences"])
-    for row in found["differences"]:
+    title = "{scenario}, {episodes} episode(s) after {warmup} of warm-up".format(**comparison)
+    _print_estimates(
+        f"{title}: {mean_words(comparison['policies'])}", "seeds", comparison["policies"]
+    )
+    if comparison["differences"]:
+        title = f"difference from {comparison['against']}, paired by seed"
+        _print_estimates(title, "pairs", comparison["differences"])
+    for row in comparison["differences"]:
         if not row["seeds"]:
-            named = f"{row['policy']} and {row['against']}"
-            tell(f"{named} have no seed and world in common")
-    if have_single(found["policies"] + found["differences"]):
+            pair = f"{row['policy']} and {row['against']}"
+            tell(f"{pair} have no seed and world in common")
+    if have_single(comparison["policies"] + comparison["differences"]):
         tell(NONE_FROM_ONE)
 
 
@@ -245,14 +247,14 @@ def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> No
     print_table(table)
 
 
-def estimate_cells(found: dict[str, Any], form: str) -> tuple[str, ...]:
+def estimate_cells(estimate: dict[str, Any], form: str) -> tuple[str, ...]:
     """Return the number of replications, mean, half-width, interval, and "≠ 0" if that holds."""
-    mean, half_width = _cell(found, "mean", form), _cell(found, "half_width", form)
+    mean, half_width = _cell(estimate, "mean", form), _cell(estimate, "half_width", form)
     if not half_width:
-        return str(found["n"]), mean, "", "", ""
-    interval = f"[{_cell(found, 'low', form)}, {_cell(found, 'high', form)}]"
-    outside = "≠ 0" if found.get("excludes_zero") else ""
-    return str(found["n"]), mean, f"± {half_width}", interval, outside
+        return str(estimate["n"]), mean, "", "", ""
+    interval = f"[{_cell(estimate, 'low', form)}, {_cell(estimate, 'high', form)}]"
+    outside = "≠ 0" if estimate.get("excludes_zero") else ""
+    return str(estimate["n"]), mean, f"± {half_width}", interval, outside
 
 
 def _print(by: str, rows: list[dict[str, Any]], title: str) -> None:
@@ -263,11 +265,11 @@ def _print(by: str, rows: list[dict[str, Any]], title: str) -> None:
         title_justify="left",
     )
     table.add_column(by, no_wrap=True)
-    shown = {name: look for name, look in MEASURES.items() if any(name in row for row in rows)}
-    for heading, _ in shown.values():
+    looks = {name: look for name, look in MEASURES.items() if any(name in row for row in rows)}
+    for heading, _ in looks.values():
         table.add_column(heading, justify="right")
     for row in rows:
-        table.add_row(_text(row[by]), *(_cell(row, name, look[1]) for name, look in shown.items()))
+        table.add_row(_text(row[by]), *(_cell(row, name, look[1]) for name, look in looks.items()))
     print_table(table)
 
 

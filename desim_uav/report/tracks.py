@@ -17,8 +17,8 @@ from desim_uav.model.motion.motion import (
     REST,
     SPEED,
     START,
-    Leg,
     Transit,
+    TransitLeg,
     flown_transit,
 )
 from desim_uav.model.motion.space import flight_of
@@ -28,7 +28,7 @@ from desim_uav.model.sums import in_order
 from desim_uav.report.run import Run
 
 Ints = NDArray[np.int64]
-Place = tuple[float, float, float]
+Position = tuple[float, float, float]
 
 
 class Track:
@@ -42,12 +42,12 @@ class Track:
         self.places = [_places(row) for row in legs.to_dict("records")]
         self._legs = [self._leg(number, run) for number in range(len(legs))]
 
-    def _leg(self, number: int, run: Run) -> Leg:
+    def _leg(self, number: int, run: Run) -> TransitLeg:
         start, end = self.places[number]
         if self._own.free:
             space = self._own.space
             flown = space.leg(start, end, int(self.ends_us[number] - self.starts_us[number]))
-            return Leg(flight_of(flown, space.wind), start[:2], end[:2], start[2], end[2])
+            return TransitLeg(flight_of(flown, space.wind), start[:2], end[:2], start[2], end[2])
         length_m = in_order(abs(b - a) for a, b in zip(start, end, strict=True))
         transit: Transit = REST
         duration_us = int(self.ends_us[number] - self.starts_us[number])
@@ -57,7 +57,7 @@ class Track:
             motion = motion_in(self._own.drones.motion, wind, way)
             transit = flown_transit(motion, commanded, length_m, step_s, duration_us)
             transit = flown_along(transit, wind, way)
-        return Leg(transit, start[:2], end[:2], start[2], end[2])
+        return TransitLeg(transit, start[:2], end[:2], start[2], end[2])
 
     def flights(self) -> Iterator[tuple[int, Transit]]:
         """Yield the number and the transit of each leg that leads somewhere."""
@@ -119,6 +119,6 @@ def _shares(start: float, end: float, cell_m: float) -> list[float]:
     return [(line * cell_m - start) / (end - start) for line in lines]
 
 
-def _places(leg: dict[str, Any]) -> tuple[Place, Place]:
+def _places(leg: dict[str, Any]) -> tuple[Position, Position]:
     start, end = ((leg[f"x_{s}_m"], leg[f"y_{s}_m"], leg[f"z_{s}_m"]) for s in ("from", "to"))
     return start, end

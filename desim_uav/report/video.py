@@ -88,8 +88,8 @@ class Film:
         step, steps = moment.t_us // world.step_us, world.scenario.episode.steps
         grid = world.grid
         served = np.bincount(moment.serving[moment.serving >= 0], minlength=len(moment.modes))
-        held = np.bincount(moment.holders[moment.holders >= 0], minlength=len(moment.modes))
-        seen = tuple(
+        counts = np.bincount(moment.holders[moment.holders >= 0], minlength=len(moment.modes))
+        observations = tuple(
             Observation(
                 drone,
                 step,
@@ -100,13 +100,13 @@ class Film:
                 moment.batteries_s[drone],
                 world.facts_of(drone).capacity_s,
                 None,
-                int(held[drone]),
+                int(counts[drone]),
                 int(served[drone]),
                 0.0,
             )
             for drone, (x, y, z) in enumerate(moment.drones_m.tolist())
         )
-        return Snapshot(step, moment.t_us, False, False, seen, (), (), (), ())
+        return Snapshot(step, moment.t_us, False, False, observations, (), (), (), ())
 
 
 class MomentView:
@@ -164,9 +164,9 @@ def _palette(film: Film) -> Image.Image:
     for number, frame in enumerate(frames):
         sheet.paste(frame, (0, number * film.size[1]))
     meant = [getrgb(colour) for colour in sprites.NAMED]
-    found = sheet.quantize(COLOURS - len(meant), Image.Quantize.MEDIANCUT, dither=NO_DITHER)
+    colours = sheet.quantize(COLOURS - len(meant), Image.Quantize.MEDIANCUT, dither=NO_DITHER)
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*chain.from_iterable(meant), *(found.getpalette() or [])])
+    palette.putpalette([*chain.from_iterable(meant), *(colours.getpalette() or [])])
     return palette
 
 

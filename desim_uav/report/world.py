@@ -19,7 +19,7 @@ Metres = Annotated[float, Field(gt=-1e15, lt=1e15, allow_inf_nan=False)]
 Length = Annotated[float, Field(gt=0, lt=1e15, allow_inf_nan=False)]
 Height = Annotated[float, Field(ge=0, lt=1e15, allow_inf_nan=False)]
 Cells = list[Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=2, max_length=2)]]
-Place = Annotated[list[Metres], Field(min_length=3, max_length=3)]
+Position = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 
 
 class Cluster(Form):
@@ -41,7 +41,7 @@ class Stored(Form):
     stations: Cells
     start_cells: Cells
     clusters: list[Cluster]
-    users: Annotated[list[Place], Field(min_length=1)]
+    users: Annotated[list[Position], Field(min_length=1)]
 
     @field_validator("cells")
     @classmethod

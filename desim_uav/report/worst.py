@@ -31,7 +31,7 @@ def worst_requests(runs: Sequence[Reported]) -> Html:
     )
 
 
-def request_table(chosen: Sequence[tuple[Reported, Any]], with_seed: bool) -> Html:
+def request_table(requests: Sequence[tuple[Reported, Any]], with_seed: bool) -> Html:
     """Return a table of requests, each with its run; the number of a request is a link."""
     headings = (
         *(("seed",) if with_seed else ()),
@@ -58,7 +58,7 @@ def request_table(chosen: Sequence[tuple[Reported, Any]], with_seed: bool) -> Ht
             number(row.qoe2_iterations, ".2f"),
             str(row.outcome).replace("_", "\u00a0"),
         )
-        for run, row in chosen
+        for run, row in requests
     )
     return table(headings, rows, (4, 11) if with_seed else (3, 10))
 

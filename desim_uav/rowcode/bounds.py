@@ -22,10 +22,10 @@ CHECKED = os.environ.get("DESIM_UAV_CHECK", "0") not in ("", "0")
 
 A_TABLE, A_QUEUE = "a table", "a queue"
 
-Place = tuple[str, int, str]
+CodePlace = tuple[str, int, str]
 """A file, a line and the name of a function."""
 
-_met = threading.local()
+_last = threading.local()
 """The last index out of bounds in this thread's compiled code, and the length that it was for."""
 
 
@@ -33,26 +33,26 @@ class OutsideError(SimulationError, IndexError):
     """An index is outside the bounds of a table, a queue or an array.
 
     ``owner`` is the name of the component in which that happened, or empty; ``of`` says what was
-    indexed, and ``met`` is the index and the length. Compiled code leaves out ``met``, which it has
-    noted before (see ``NOTE``).
+    indexed, and ``numbers`` are the index and the length. Compiled code, which has noted them
+    before (see ``NOTE``), leaves them out.
     """
 
     def __init__(
-        self, owner: str, of: str, place: Place, met: tuple[int, int] | None = None
+        self, owner: str, of: str, place: CodePlace, numbers: tuple[int, int] | None = None
     ) -> None:
-        super().__init__(owner, of, place, met or _met.numbers)  # by which SimPy copies it
-        self.owner, self.of, self.place, self.met = self.args
+        super().__init__(owner, of, place, numbers or _last.numbers)  # by which SimPy copies it
+        self.owner, self.of, self.place, self.numbers = self.args
 
     def __str__(self) -> str:
         """Return the message: the component, the index, the bounds and the place."""
-        (index, length), (file, line, function) = self.met, self.place
+        (index, length), (file, line, function) = self.numbers, self.place
         what = f"IndexError: index {index} is out of bounds for {self.of} with size {length}"
         component = f"component {self.owner!r}" if self.owner else "the simulation"
         return f"{component} failed: {what} ({file}:{line}, in {function})"
 
 
 def _note(index: int, length: int) -> None:
-    _met.numbers = index, length
+    _last.numbers = index, length
 
 
 _noted = CFUNCTYPE(None, c_int64, c_int64)(_note)
@@ -91,7 +91,7 @@ def require_inside(k: Any, length: int, of: str) -> None:
         raise OutsideError(owner, of, place, (int(k), length))
 
 
-def _place() -> tuple[str, Place]:
+def _place() -> tuple[str, CodePlace]:
     """Return the component, if any, and the place of the innermost function outside ``BETWEEN``."""
     frame = sys._getframe(1)
     while frame.f_globals.get("__name__") in (__name__, *BETWEEN) and frame.f_back is not None:

@@ -28,8 +28,8 @@ from desim_uav.rowcode.rows import is_row, layout_of
 from desim_uav.rowcode.value_text import (
     OURS,
     ChangedError,
-    Text,
     UndescribedError,
+    ValueText,
     foreign,
     full_name,
 )
@@ -63,17 +63,19 @@ def code_digest(function: FunctionType, placed: bool = False) -> str:
     as well, and so does the code that compiles rows. Raises UndescribedError with the name of a
     value on which compiled code depends, if that value cannot be described.
     """
-    found: dict[FunctionType, int] = {}
-    texts = list(_reach(found, [function]))
-    rows = sorted(_rows_of(found), key=layout_of)
+    number_of: dict[FunctionType, int] = {}
+    texts = list(_reach(number_of, [function]))
+    rows = sorted(_rows_of(number_of), key=layout_of)
     methods = [sorted(vars(row).items()) for row in rows]
-    texts += _reach(found, [of for parts in methods for _, of in parts if type(of) is FunctionType])
-    if rows or RULES.intersection(found):
+    texts += _reach(
+        number_of, [of for parts in methods for _, of in parts if type(of) is FunctionType]
+    )
+    if rows or RULES.intersection(number_of):
         functions = [*_functions_of(*COMPILING), cast(FunctionType, compiled_apart.called_by_cell)]
-        texts += _reach(found, functions)
+        texts += _reach(number_of, functions)
     texts += map(layout_of, rows)
     if placed:
-        texts += [f"{number}: {_lines(one.__code__)}" for one, number in found.items()]
+        texts += [f"{number}: {_lines(one.__code__)}" for one, number in number_of.items()]
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
@@ -89,32 +91,32 @@ def class_digest(cls: type) -> str:
 
     Functions of this package do not count. Raises UndescribedError as ``code_digest`` does.
     """
-    text = Text()
-    said = text.of(cls)
+    text = ValueText()
+    own_text = text.of(cls)
     texts = _reach({}, text.functions, ours=False)
-    return hashlib.sha256("\n".join([said, *texts]).encode()).hexdigest()
+    return hashlib.sha256("\n".join([own_text, *texts]).encode()).hexdigest()
 
 
 def _reach(
-    found: dict[FunctionType, int], functions: list[FunctionType], ours: bool = True
+    number_of: dict[FunctionType, int], functions: list[FunctionType], ours: bool = True
 ) -> Iterator[str]:
     """Yield the texts of functions and of all that they call, with the numbers of these in them.
 
-    ``found`` has the number of each function, in the order in which they are met: two functions
+    ``number_of`` has the number of each function, in the order in which they are met: two functions
     may have the same name. If not ``ours``, functions of this package are left out.
     """
-    waiting = [one for one in functions if one not in found]
+    waiting = [one for one in functions if one not in number_of]
     for one in waiting:  # which grows
-        found.setdefault(one, len(found))
+        number_of.setdefault(one, len(number_of))
     for one in waiting:
         text, called = _described(one)
         if not ours:
             called = [other for other in called if not str(other.__module__).startswith(OURS)]
         for other in called:
-            if other not in found:
-                found[other] = len(found)
+            if other not in number_of:
+                number_of[other] = len(number_of)
                 waiting.append(other)
-        yield f"{found[one]}: {text} {[found[other] for other in called]}"
+        yield f"{number_of[one]}: {text} {[number_of[other] for other in called]}"
 
 
 def _functions_of(*modules: ModuleType) -> list[FunctionType]:
@@ -160,10 +162,10 @@ _FIRST: dict[FunctionType, str] = {}
 def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
     """Return a function's code with all values in it, and the functions that it calls."""
     code, values = function.__code__, dict(_values(function))
-    known = _KNOWN.get(function)
-    if known and known.code is code and _same(known.values, values):
-        return known.text, known.called
-    text = Text()
+    entry = _KNOWN.get(function)
+    if entry and entry.code is code and _same(entry.values, values):
+        return entry.text, entry.called
+    text = ValueText()
     parts = [full_name(function), *_code(text, code, function.__doc__)]
     for name, value in values.items():
         try:
@@ -173,14 +175,14 @@ def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
                 raise UndescribedError(f"{name!r} in {full_name(function)!r} is {error}") from None
     parts += [f"{full_name(one)}{one.__annotations__}" for one in text.functions if one in APART]
     called = [one for one in text.functions if one not in APART]
-    said = "\n".join(parts)
+    own_text = "\n".join(parts)
     if text.lasting:
-        _KNOWN[function] = _Known(code, values, said, called)
+        _KNOWN[function] = _Known(code, values, own_text, called)
     of_values = "\n".join(part for part in parts if not part.startswith(OVERLOADS))
     if _FIRST.setdefault(function, of_values) != of_values:
         changed = f"the code of {full_name(function)!r}, or a value in it, has changed"
         raise ChangedError(f"{changed} in this process")
-    return said, called
+    return own_text, called
 
 
 def _same(values: dict[str, Any], others: dict[str, Any]) -> bool:
@@ -232,12 +234,12 @@ EMPTY = CellType()
 
 def _in_module(code: CodeType, name: str, module: ModuleType) -> Iterator[tuple[str, Any]]:
     """Yield what a function uses of a module, including attributes of attributes."""
-    for loaded in _loaded(code):
-        if loaded[0] == name:
+    for chain in _loaded(code):
+        if chain[0] == name:
             dots, value = 1, cast(Any, module)
-            while _has_values(value) and dots < len(loaded):
-                value, dots = getattr(value, loaded[dots], None), dots + 1
-            yield ".".join(loaded[:dots]), value
+            while _has_values(value) and dots < len(chain):
+                value, dots = getattr(value, chain[dots], None), dots + 1
+            yield ".".join(chain[:dots]), value
 
 
 def _in_module_of_ours(code: CodeType, name: str, module: ModuleType) -> Iterator[tuple[str, Any]]:
@@ -260,23 +262,23 @@ def _has_values(value: Any) -> bool:
 
 def _is_used(code: CodeType, name: str) -> bool:
     """Return whether a value's name is not only the name of some attribute in the code."""
-    return not name.isidentifier() or name in {loaded[0] for loaded in _loaded(code)}
+    return not name.isidentifier() or name in {chain[0] for chain in _loaded(code)}
 
 
 @cache
 def _loaded(code: CodeType) -> tuple[tuple[str, ...], ...]:
     """Return the names that code loads from outside, each with the attributes that follow it."""
-    found, follows = list[list[str]](), False
+    chains, follows = list[list[str]](), False
     for one in dis.get_instructions(code):
         if one.opname in ("LOAD_GLOBAL", "LOAD_DEREF", "LOAD_CLASSDEREF"):
-            found.append([one.argval])
+            chains.append([one.argval])
             follows = True
         elif one.opname in ("LOAD_ATTR", "LOAD_METHOD") and follows:
-            found[-1].append(one.argval)
+            chains[-1].append(one.argval)
         elif one.opname != "EXTENDED_ARG":
             follows = False
     inner = [_loaded(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
-    return tuple(dict.fromkeys([*map(tuple, found), *(one for each in inner for one in each)]))
+    return tuple(dict.fromkeys([*map(tuple, chains), *(one for each in inner for one in each)]))
 
 
 @cache
@@ -286,7 +288,7 @@ def _names(code: CodeType) -> tuple[str, ...]:
     return tuple(sorted(set(code.co_names).union(*inner)))
 
 
-def _code(text: Text, code: CodeType, doc: str | None = None) -> Iterator[str]:
+def _code(text: ValueText, code: CodeType, doc: str | None = None) -> Iterator[str]:
     """Yield the texts of byte code, the names in it, its exception table and its constants."""
     yield f"{code.co_code.hex()} {code.co_exceptiontable.hex()} {code.co_flags}"
     arguments = code.co_argcount + code.co_kwonlyargcount

@@ -96,8 +96,8 @@ def called_by_cell(function: FunctionType, compiled: Callable[[], Any]) -> None:
 
         def generate(context: Any, builder: Any, sig: Any, values: Any) -> Any:
             parts = [
-                value if isinstance(kind, Pointer) else context.cast(builder, value, given, kind)
-                for value, given, kind in zip(
+                value if isinstance(kind, Pointer) else context.cast(builder, value, source, kind)
+                for value, source, kind in zip(
                     cgutils.unpack_tuple(builder, values[0]), arguments, kinds, strict=True
                 )
             ]

@@ -80,8 +80,8 @@ def _get_entry(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
     place = _entry(context, builder, sig.args[0], *arguments)
     if isinstance(sig.return_type, Pointer):
         return place
-    loaded = builder.load(number_at(context, builder, place, sig.return_type))
-    return apart(builder, loaded, f"entry {sig.return_type}")
+    entry = builder.load(number_at(context, builder, place, sig.return_type))
+    return apart(builder, entry, f"entry {sig.return_type}")
 
 
 @type_callable(operator.setitem)
@@ -224,8 +224,8 @@ def _checked(operation: Any, name: str, *others: Any) -> None:
         def typed(row: Any, place: Any, *values: Any) -> Any:
             if not _method_of(row, name) or not _is_bounded(row):
                 return None
-            _, found = resolved(typing_context, (row, place, *values))
-            return signature(found.return_type, row, place, *values)
+            _, call = resolved(typing_context, (row, place, *values))
+            return signature(call.return_type, row, place, *values)
 
         return typed
 
@@ -236,10 +236,10 @@ def _checked(operation: Any, name: str, *others: Any) -> None:
             at = context.cast(builder, builder.extract_value(place, k), kinds[k], I64)
             count = get_field(context, builder, row, base, bound)
             with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", at, count)):
-                met, of = (at, count), f"the {bound}"
-                fail_outside(context, builder, row.owner, of, place_lowered(), met)
-        method, found = resolved(context.typing_context, sig.args)
-        return context.get_function(method, found)(builder, arguments)
+                numbers, of = (at, count), f"the {bound}"
+                fail_outside(context, builder, row.owner, of, place_lowered(), numbers)
+        method, call = resolved(context.typing_context, sig.args)
+        return context.get_function(method, call)(builder, arguments)
 
 
 _checked(operator.getitem, "__getitem__")

@@ -31,10 +31,10 @@ class _Checked(AbstractTemplate):
     def generic(self, arguments: Any, keywords: Any) -> Any:
         """Return the types with which it is called, or None."""
         kinds = [types.unliteral(kind) for kind in arguments]
-        _, found = _bare(self.context, self.this, self.key, kinds)
-        if found is None:
+        _, result_type = _bare(self.context, self.this, self.key, kinds)
+        if result_type is None:
             return None
-        result = found.return_type
+        result = result_type.return_type
         if isinstance(result, Pointer):
             result = Pointer(result.cls, self.this.owner or "")
         return signature(result, *kinds, recvr=self.this)
@@ -56,15 +56,15 @@ def _checked(name: str, index_of: Any) -> Any:
     def call(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         line, *kinds = sig.args
         bare = Line(line.of, None)
-        asked = signature(types.UniTuple(I64, 2), bare, *kinds)
-        met = context.compile_internal(builder, index_of, asked, arguments)
-        index, count = cgutils.unpack_tuple(builder, met, 2)
+        form = signature(types.UniTuple(I64, 2), bare, *kinds)
+        numbers = context.compile_internal(builder, index_of, form, arguments)
+        index, count = cgutils.unpack_tuple(builder, numbers, 2)
         with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", index, count)):
             fail_outside(context, builder, line.owner, line.called, place_lowered(), (index, count))
-        method, found = _bare(context.typing_context, line, name, kinds)
-        made = context.get_function(method, found)
-        context.add_linking_libs(getattr(made, "libs", ()))
-        return made(builder, arguments)
+        method, call_type = _bare(context.typing_context, line, name, kinds)
+        method_code = context.get_function(method, call_type)
+        context.add_linking_libs(getattr(method_code, "libs", ()))
+        return method_code(builder, arguments)
 
     return type(name, (_Checked,), {"key": name})
 
@@ -77,7 +77,7 @@ def _place(line: Any, place: Any, value: Any) -> Any:
     return place, len(line) + 1
 
 
-def _found(line: Any, value: Any) -> Any:
+def _place_of(line: Any, value: Any) -> Any:
     place = 0
     while place < len(line) and spare(line, place) != value:
         place += 1
@@ -87,7 +87,7 @@ def _found(line: Any, value: Any) -> Any:
 METHODS = {
     "pop": _checked("pop", _last),
     "insert": _checked("insert", _place),
-    "remove": _checked("remove", _found),
+    "remove": _checked("remove", _place_of),
 }
 
 

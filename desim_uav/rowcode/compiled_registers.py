@@ -18,20 +18,20 @@ def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> Non
         builder.store(word, number_at(context, builder, end, I64))
 
 
-def _held(typing_context: Any, row: Any) -> Any:
+def _local_copy(typing_context: Any, row: Any) -> Any:
     """Return a local copy of a row, which the compiler keeps in registers."""
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         space = cgutils.alloca_once(builder, ir.ArrayType(WORD, row.cls.words))
-        made = builder.bitcast(space, cgutils.voidptr_t)
-        _copy(context, builder, row, made, arguments[0])
-        return made
+        register = builder.bitcast(space, cgutils.voidptr_t)
+        _copy(context, builder, row, register, arguments[0])
+        return register
 
     return row(row), generate
 
 
 def _put_back(typing_context: Any, row: Any, copy: Any) -> Any:
-    """Write a copy of a row (see ``_held``) back into the row."""
+    """Write a copy of a row (see ``_local_copy``) back into the row."""
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         _copy(context, builder, row, *arguments)
@@ -40,7 +40,7 @@ def _put_back(typing_context: Any, row: Any, copy: Any) -> Any:
     return types.none(row, copy), generate
 
 
-held, put_back = intrinsic(_held), intrinsic(_put_back)
+held, put_back = intrinsic(_local_copy), intrinsic(_put_back)
 
 
 # ---- choices that a processor cannot predict
@@ -50,9 +50,9 @@ def _either(typing_context: Any, condition: Any, one: Any, other: Any) -> Any:
     """Return ``one`` if a condition holds, else ``other``, two whole numbers, without a jump."""
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-        chosen = builder.select(*arguments)
-        chosen.set_metadata("unpredictable", builder.module.add_metadata([]))
-        return chosen
+        value = builder.select(*arguments)
+        value.set_metadata("unpredictable", builder.module.add_metadata([]))
+        return value
 
     return I64(types.boolean, I64, I64), generate
 

@@ -133,10 +133,10 @@ place_of: Any = intrinsic(_place_of)
 
 @overload(address)
 def _of_address(one: Any) -> Any:
-    def found(one: Any) -> Any:
+    def row_at(one: Any) -> Any:
         return place_of(one)
 
-    return found
+    return row_at
 
 
 def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
@@ -152,9 +152,9 @@ def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
         strides = [size]
         for count in reversed(sizes[1:]):
             strides.insert(0, builder.mul(count, strides[0]))
-        made = context.make_array(kind)(context, builder)
-        populate_array(made, data, sizes, strides, size, meminfo=None)
-        return made._getvalue()
+        array = context.make_array(kind)(context, builder)
+        populate_array(array, data, sizes, strides, size, meminfo=None)
+        return array._getvalue()
 
     return kind(entries, shape), generate
 
@@ -207,9 +207,9 @@ def array_at(of: Any) -> Any:
         def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
             pointer = context.get_value_type(kind.dtype).as_pointer()
             data, size = builder.inttoptr(arguments[0], pointer), cgutils.intp_t(8)
-            made = context.make_array(kind)(context, builder)
-            populate_array(made, data, [arguments[1]], [size], size, meminfo=None)
-            return made._getvalue()
+            array = context.make_array(kind)(context, builder)
+            populate_array(array, data, [arguments[1]], [size], size, meminfo=None)
+            return array._getvalue()
 
         return kind(I64, I64), generate
 

@@ -42,8 +42,8 @@ class Owned(types.Type):
 
     def __init__(self, name: str, owner: str | None) -> None:
         self.owner = owner
-        told = " checked before" if owner is None else f" of {owner}" if owner else ""
-        super().__init__(name=f"{name}{told}")
+        suffix = " checked before" if owner is None else f" of {owner}" if owner else ""
+        super().__init__(name=f"{name}{suffix}")
 
 
 class Pointer(Owned):

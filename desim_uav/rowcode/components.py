@@ -38,16 +38,16 @@ def over_rows(component: C, services: tuple[str, ...]) -> C:
     """
     if not is_dataclass(component):
         return component
-    made = copy.copy(component)
+    twin = copy.copy(component)
     table_of = BoundedTable if owner_of(type(component)) else Table
     for field in fields(component):
         value = getattr(component, field.name)
         if isinstance(value, Mapping):
             table = table_of(float(value.get(name, 0.0)) for name in services)
-            object.__setattr__(made, field.name, table)
+            object.__setattr__(twin, field.name, table)
         elif type(value) in (tuple, list) and _are_numbers(value):
-            object.__setattr__(made, field.name, table_of(map(float, value)))
-    return made
+            object.__setattr__(twin, field.name, table_of(map(float, value)))
+    return twin
 
 
 def _are_numbers(values: Any) -> bool:
@@ -68,14 +68,14 @@ def values_of(component: Any) -> Row:
             continue
         values.append(value)
     cls: Any = type(component)
-    made: Row = fill(_row_of(cls, tuple(kinds)), values)
-    return made
+    values_row: Row = fill(_row_of(cls, tuple(kinds)), values)
+    return values_row
 
 
 def left_out(component: Any) -> list[str]:
     """Return the names of the fields that compiled code does not have."""
-    known = type(values_of(component)).kinds
-    return [name for name in getattr(component, "__dict__", {}) if name not in known]
+    fields = type(values_of(component)).kinds
+    return [name for name in getattr(component, "__dict__", {}) if name not in fields]
 
 
 @cache
@@ -112,7 +112,7 @@ def kind_of(component: Any) -> str:
 # ---- functions that are known by their addresses
 
 
-Values = Callable[[int], Any]
+ValuesAt = Callable[[int], Any]
 """Returns the values of a component at an address."""
 
 
@@ -124,7 +124,7 @@ class Function(NamedTuple):
     """
 
     name: str
-    around: Callable[[Any, Values], Any]
+    around: Callable[[Any, ValuesAt], Any]
     arguments: tuple[Any, ...]
 
 
@@ -173,8 +173,8 @@ def check_unchanged(component: Any) -> None:
 def _address(one: Function, cls: Any, values: Any) -> int:
     """Compile a function of a class of components, which has a file of its own on disk."""
     owner = owner_of(cls)
-    made = own_kernel(one.around(cls, pointer_to(values, owner)), cls)
-    return address_of(made, *one.arguments, owner=owner)
+    code = own_kernel(one.around(cls, pointer_to(values, owner)), cls)
+    return address_of(code, *one.arguments, owner=owner)
 
 
 def compiled_or_none(
@@ -217,15 +217,15 @@ def cause_of(error: Exception, component: Any) -> str:
         if f"'{name}'" in message:
             return f"its field {name!r} is no number"
     lines = [line.strip(" -") for line in message.splitlines() if line.strip()]
-    named = (line for cause in CAUSES for line in lines if cause in line)
-    line = next(named, lines[1] if len(lines) > 1 else lines[0])
+    causes = (line for cause in CAUSES for line in lines if cause in line)
+    line = next(causes, lines[1] if len(lines) > 1 else lines[0])
     return line + _fields_instead(line)
 
 
 def _fields_instead(line: str) -> str:
     """Return the fields of a row, if Numba's message names a field that it does not have."""
-    found = re.search(r"Unknown attribute '(\w+)' of type ([\w.]+)\.(\w+?)[0-9a-f]{8}\b", line)
-    if found is None:
+    match = re.search(r"Unknown attribute '(\w+)' of type ([\w.]+)\.(\w+?)[0-9a-f]{8}\b", line)
+    if match is None:
         return ""
-    row_class = getattr(sys.modules.get(found[2]), found[3], None)
-    return "" if row_class is None else has_instead(row_class, found[1])
+    row_class = getattr(sys.modules.get(match[2]), match[3], None)
+    return "" if row_class is None else has_instead(row_class, match[1])

@@ -39,7 +39,7 @@ from desim_uav.rowcode.numba_parts import (
 )
 from desim_uav.rowcode.options import CHECK, INNER, MAKER, OPTIONS, WITHIN, overload
 from desim_uav.rowcode.regular_file import content_of, new_file
-from desim_uav.rowcode.value_text import Text, UndescribedError
+from desim_uav.rowcode.value_text import UndescribedError, ValueText
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -98,9 +98,9 @@ def rule(function: F) -> F:
     """Have a function compiled with the kernels that call it; Python runs it as it stands."""
     RULES.add(cast(FunctionType, function))
     own = CHECK if is_own(function.__module__) else {}
-    made: F = register_jitable(**{**INNER, **own})(function)
+    compilable: F = register_jitable(**{**INNER, **own})(function)
     share_last()
-    return made
+    return compilable
 
 
 def rare_rule(function: F) -> F:
@@ -109,9 +109,9 @@ def rare_rule(function: F) -> F:
     It is for what seldom happens: code that is part of many callers takes long to compile.
     """
     RULES.add(cast(FunctionType, function))
-    made: F = register_jitable(**{**INNER, "forceinline": False})(function)
+    compilable: F = register_jitable(**{**INNER, "forceinline": False})(function)
     share_last()
-    return made
+    return compilable
 
 
 def apart(function: F) -> F:
@@ -136,8 +136,8 @@ def stands_in_for(function: Any) -> Callable[[F], F]:
 
     def stand_in(implementation: F) -> F:
         STANDS_IN[function] = cast(FunctionType, implementation)
-        made: F = overload(function)(implementation)
-        return made
+        registered: F = overload(function)(implementation)
+        return registered
 
     return stand_in
 
@@ -206,17 +206,17 @@ class MachineCode(FunctionCache):
 
         Raises NotOnDiskError instead of returning None in a block ``only_from_disk``.
         """
-        found = None
+        code = None
         try:
-            found = super().load_overload(sig, target_context)
+            code = super().load_overload(sig, target_context)
         except Exception as error:
             with suppress(OSError):  # another process may have removed it, with a notice
                 self.file.path.unlink()
                 problem = f"damaged compiled code is removed and made anew: {self.file.path}"
                 _say_once("damaged", f"{problem} ({error})")
-        if found is None and _ONLY_FROM_DISK.get():
+        if code is None and _ONLY_FROM_DISK.get():
             raise NotOnDiskError(self.file.origin is not None)
-        return found
+        return code
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the machine code for a signature, if it can be written."""
@@ -247,7 +247,7 @@ class CodeFile:
         function, options = self._compiled.py_func, self._compiled.targetoptions
         try:
             digest = code_digest(function, placed="boundscheck" in options)
-            parts = digest, Text().of(options), *VERSIONS, *settings()
+            parts = digest, ValueText().of(options), *VERSIONS, *settings()
         except UndescribedError as error:
             if multiprocessing.parent_process() is None:  # the parent prints it for all
                 name = function.__qualname__.replace("<locals>.", "")
@@ -275,8 +275,8 @@ class CodeFile:
     def load(self, key: Any) -> Any:
         """Return the object that was saved under a key, or None."""
         vars(self).pop("origin", None)  # a value may have changed since the last signature
-        found = self.read().get(key)
-        return None if found is None else pickle.loads(found)
+        pickled = self.read().get(key)
+        return None if pickled is None else pickle.loads(pickled)
 
     def save(self, key: Any, data: Any) -> None:
         """Save an object under a key; the other keys stay as they are."""

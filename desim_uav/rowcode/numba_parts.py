@@ -23,7 +23,7 @@ from numba.core.imputils import Registry
 from numba.core.typing import templates as _templates
 from numba.np import arrayobj as _arrayobj
 
-from desim_uav.rowcode.bounds import NOTE, NOTE_AT, OutsideError, Place, own_class
+from desim_uav.rowcode.bounds import NOTE, NOTE_AT, CodePlace, OutsideError, own_class
 
 types: Any = _types
 cgutils: Any = _cgutils
@@ -93,8 +93,8 @@ def name_of_type(value: Any) -> str:
 
 def overloads_of(function: Any) -> list[tuple[Any, Any]]:
     """Return the functions that compile in the place of a function, each with its options."""
-    known = [kind for value, kind in _templates.builtin_registry.globals if value is function]
-    templates = [one for kind in known for one in getattr(kind, "templates", ())]
+    kinds = [kind for value, kind in _templates.builtin_registry.globals if value is function]
+    templates = [one for kind in kinds for one in getattr(kind, "templates", ())]
     return [(one._overload_func, one._jit_options) for one in templates]
 
 
@@ -125,19 +125,19 @@ def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
     It is called as compiled code calls a function, and returns whether it has ended by an error.
     """
     compiled.compile(arguments)
-    found = compiled.overloads[arguments]
-    return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+    code = compiled.overloads[arguments]
+    return int(code.library.get_pointer_to_function(code.fndesc.llvm_func_name))
 
 
 add_symbol(NOTE, NOTE_AT)
 
 
 def fail_outside(
-    context: Any, builder: Any, owner: str, of: str, place: Place, met: tuple[Any, Any]
+    context: Any, builder: Any, owner: str, of: str, place: CodePlace, numbers: tuple[Any, Any]
 ) -> None:
     """End a function by OutsideError, whose arguments these are."""
-    kind = ir.FunctionType(ir.VoidType(), [one.type for one in met])
-    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE), met)
+    kind = ir.FunctionType(ir.VoidType(), [one.type for one in numbers])
+    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE), numbers)
     context.call_conv.return_user_exc(builder, OutsideError, (owner, of, place))
 
 
@@ -148,20 +148,20 @@ def _check_array(context: Any, builder: Any, k: Any, size: Any, axis: int = 0) -
     """
     with cgutils.if_unlikely(builder, builder.icmp_unsigned(">=", k, size)):
         negative = builder.icmp_signed("<", k, k.type(0))
-        told = builder.select(negative, builder.sub(k, size), k)
+        index = builder.select(negative, builder.sub(k, size), k)
         place, owner = _function_lowered()
-        fail_outside(context, builder, owner, f"axis {axis}", place, (told, size))
+        fail_outside(context, builder, owner, f"axis {axis}", place, (index, size))
 
 
 cgutils.do_boundscheck = _check_array
 
 
-def place_lowered() -> Place:
+def place_lowered() -> CodePlace:
     """Return the place in the source that is being made machine code by a caller of this."""
     return _function_lowered()[0]
 
 
-def _function_lowered() -> tuple[Place, str]:
+def _function_lowered() -> tuple[CodePlace, str]:
     """Return that place, and the component of one's own that its function is a method of."""
     frame: Any = sys._getframe(1)
     while not isinstance(one := frame.f_locals.get("self"), lowering.BaseLower):

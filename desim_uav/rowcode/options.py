@@ -51,10 +51,10 @@ def overload_attribute(kind: Any, name: str) -> Callable[[Any], Any]:
     return _shared(extending.overload_attribute, kind, name, jit_options=INNER)
 
 
-def _shared(made: Any, *of: Any, **options: Any) -> Callable[[Any], Any]:
+def _shared(maker: Any, *of: Any, **options: Any) -> Callable[[Any], Any]:
     def decorate(implementation: Any) -> Any:
-        done = made(*of, **options)(implementation)
+        result = maker(*of, **options)(implementation)
         share_last()
-        return done
+        return result
 
     return decorate

@@ -4,12 +4,12 @@ A class of rows is declared by its annotations::
 
     @row
     class Drone(Row):
-        battery_us: int
+        charge: int
         waiting: Queue[int]
 
 In Python a row is an object with slots, and a ``Table`` or a ``Queue`` is a list. In compiled code
 a row is a pointer to its fields, of eight bytes (a word) each, which are accessed by name, as in
-``drone.battery_us`` (see ``compiled_types``). One function over rows therefore runs in both.
+``drone.charge`` (see ``compiled_types``). One function over rows therefore runs in both.
 
 A row stores the positions of its tables as their distances from itself. A block of memory with a
 row and all its tables can therefore be copied, pickled and moved as it is.
@@ -96,8 +96,8 @@ class Queue(list[T], Generic[T]):
 
     def take(self, entries: Any, first: int, count: int) -> None:
         """Replace all entries by some of a table of a view, whose rows are of numbers."""
-        taken = entries.array[first : first + count].tolist()
-        self[:] = map(maker_of(self.of), taken)
+        rows = entries.array[first : first + count].tolist()
+        self[:] = map(maker_of(self.of), rows)
 
 
 class BoundedTable(Table[T]):
@@ -172,14 +172,14 @@ def row(cls: type[R]) -> type[R]:
     """Return a class with annotations as a class of rows, with slots and a layout in memory."""
     names = tuple(cls.__annotations__)
     body = {key: part for key, part in vars(cls).items() if key not in ("__dict__", "__weakref__")}
-    made: Any = type(cls.__name__, cls.__bases__, {**body, "__slots__": names})
-    hints = get_type_hints(made)
-    made.kinds, made.places, at = {name: hints[name] for name in names}, {}, 0
-    for name, kind in made.kinds.items():
-        made.places[name] = at
+    row_class: Any = type(cls.__name__, cls.__bases__, {**body, "__slots__": names})
+    hints = get_type_hints(row_class)
+    row_class.kinds, row_class.places, at = {name: hints[name] for name in names}, {}, 0
+    for name, kind in row_class.kinds.items():
+        row_class.places[name] = at
         at += words_of(kind)
-    made.words = at
-    return made  # type: ignore[no-any-return]
+    row_class.words = at
+    return row_class  # type: ignore[no-any-return]
 
 
 def is_row(kind: Any) -> bool:
@@ -225,7 +225,7 @@ def words_of(kind: Any) -> int:
 
 def blank(cls: type[R]) -> R:
     """Return a row of a class whose numbers are 0 and whose tables are empty."""
-    made: Any = cls()
+    one: Any = cls()
     for name, kind in cls.kinds.items():
         origin = origin_of(kind)
         if is_row(kind):
@@ -234,16 +234,16 @@ def blank(cls: type[R]) -> R:
             value = Queue(of=held_by(kind))
         else:
             value = Table() if origin is Table else kind(0)
-        setattr(made, name, value)
-    return made  # type: ignore[no-any-return]
+        setattr(one, name, value)
+    return one  # type: ignore[no-any-return]
 
 
 def fill(cls: type[R], values: Iterable[Any]) -> R:
     """Return a row of a class with these values, in the order of its fields."""
-    made = cls()
+    one = cls()
     for name, value in zip(cls.kinds, values, strict=True):
-        setattr(made, name, value)
-    return made
+        setattr(one, name, value)
+    return one
 
 
 @cache
@@ -397,8 +397,8 @@ def address(one: Any) -> int:
     """
     if isinstance(one, ctypes.Structure):
         return ctypes.addressof(one)
-    found: int = one.address
-    return found
+    number: int = one.address
+    return number
 
 
 def shaped(entries: Any, shape: tuple[int, ...]) -> Any:

@@ -56,7 +56,7 @@ class ChangedError(UndescribedError):
     """A value of a function is not what it was when the function was first described."""
 
 
-class Text:
+class ValueText:
     """Makes the texts of values.
 
     ``functions`` are the functions in them, in the order in which they were met: a text has only
@@ -131,9 +131,9 @@ class Text:
     def _options(self, compiled: Any) -> str:
         """Return the text of the options of Numba's decorator, which do not change afterwards."""
         before = self.lasting
-        said = self._named((name, getattr(compiled, name, None)) for name in OPTIONS)
+        options = self._named((name, getattr(compiled, name, None)) for name in OPTIONS)
         self.lasting = before
-        return said
+        return options
 
     def _module(self, module: ModuleType) -> str:
         if foreign(module.__name__):
@@ -145,31 +145,31 @@ class Text:
         dtype = value if isinstance(value, np.dtype) else value.dtype
         if dtype.hasobject or (isinstance(value, np.ndarray) and kind not in ARRAYS):
             raise UndescribedError(f"a value of type {full_name(kind)!r} and data type {dtype}")
-        said = f"{kind.__module__}.{kind.__name__} {dtype!r} {dtype.alignment}"
+        text = f"{kind.__module__}.{kind.__name__} {dtype!r} {dtype.alignment}"
         if isinstance(value, np.dtype):
-            return said
+            return text
         if isinstance(value, np.ndarray):
             self.lasting = False
             flags = value.flags
-            said += f" {value.shape} {flags.c_contiguous} {flags.f_contiguous} {flags.aligned}"
-        return f"{said} {hashlib.sha256(value.tobytes()).hexdigest()}"
+            text += f" {value.shape} {flags.c_contiguous} {flags.f_contiguous} {flags.aligned}"
+        return f"{text} {hashlib.sha256(value.tobytes()).hexdigest()}"
 
     def _class(self, cls: Any) -> str:
         if is_row(cls):
             return self._row(cls)
-        said = f"class {full_name(cls)}"
+        text = f"class {full_name(cls)}"
         if issubclass(cls, Enum):
             members = self._named((name, one.value) for name, one in cls.__members__.items())
-            return f"{said} {self._all(cls.__bases__)} {members}"
+            return f"{text} {self._all(cls.__bases__)} {members}"
         if foreign(cls.__module__):
-            return said
+            return text
         if issubclass(cls, tuple) and hasattr(cls, "_fields"):
-            said = f"{said} {cls._fields} {self._named(cls._field_defaults.items())}"
+            text = f"{text} {cls._fields} {self._named(cls._field_defaults.items())}"
         if str(cls.__module__).startswith(OURS):  # of which compiled code has no more than this
-            return said
+            return text
         self.lasting = False
         parts = (pair for pair in sorted(vars(cls).items()) if _counts(cls, *pair))
-        return f"{said} {self._all(cls.__bases__)} {self._named(parts)}"
+        return f"{text} {self._all(cls.__bases__)} {self._named(parts)}"
 
     def _row(self, cls: Any) -> str:
         """Return the text of a class of rows, which has functions in its methods."""
@@ -178,11 +178,11 @@ class Text:
         return f"row {layout_of(cls)} {self._all(filter(is_row, kinds))} {self._all(methods)}"
 
     def _set(self, values: Iterable[Any]) -> str:
-        known = len(self.functions)
-        said = sorted(map(self.of, values))
-        if len(self.functions) > known:
+        before = len(self.functions)
+        texts = sorted(map(self.of, values))
+        if len(self.functions) > before:
             raise UndescribedError("a set of functions, which have no order")
-        return f"{{{', '.join(said)}}}"
+        return f"{{{', '.join(texts)}}}"
 
     def _changing(self, values: Any) -> str:
         """Return the text of a dictionary or a list."""
@@ -195,17 +195,17 @@ class Text:
 PLAIN = {type(None), bool, int, str, bytes, type(Ellipsis), type(NotImplemented), range}
 """Types whose ``repr`` describes a value completely."""
 
-WHOLE: dict[Any, Callable[[Text, Any], str]] = {
-    type: Text._class,
-    Enum: Text._member,
-    ModuleType: Text._module,
-    np.generic: Text._of_numpy,
-    np.ndarray: Text._of_numpy,
-    np.dtype: Text._of_numpy,
+WHOLE: dict[Any, Callable[[ValueText, Any], str]] = {
+    type: ValueText._class,
+    Enum: ValueText._member,
+    ModuleType: ValueText._module,
+    np.generic: ValueText._of_numpy,
+    np.ndarray: ValueText._of_numpy,
+    np.dtype: ValueText._of_numpy,
 }
 """What makes the text of a value, by a type of which it is an instance."""
 
-PARTS: dict[type, Callable[[Text, Any], str]] = {
+PARTS: dict[type, Callable[[ValueText, Any], str]] = {
     bool: lambda text, value: repr(bool(value)),
     int: lambda text, value: int.__repr__(value),
     float: lambda text, value: struct.pack("<d", value).hex(),
@@ -259,8 +259,8 @@ def _importable_from(value: Any) -> str | None:
     """Return the module of Python or of ``VERSIONED`` that has a callable by its name, if any."""
     place = getattr(value, "__module__", None)
     place = place or ("numpy" if isinstance(value, np.ufunc) else "numpy.random")
-    found = getattr(sys.modules.get(place), getattr(value, "__name__", ""), None)
-    return place if foreign(place) and found == value else None
+    member = getattr(sys.modules.get(place), getattr(value, "__name__", ""), None)
+    return place if foreign(place) and member == value else None
 
 
 def _attributes(value: Any) -> Iterator[tuple[str, Any]]:

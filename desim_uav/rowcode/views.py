@@ -64,8 +64,8 @@ class View(ctypes.Structure):
 
 def in_memory(one: R) -> R:
     """Return a copy of a row in a block of memory of its own, as a view of it."""
-    made: Any = View(packed(one), type(one))
-    copied: R = made
+    view: Any = View(packed(one), type(one))
+    copied: R = view
     return copied
 
 
@@ -142,14 +142,14 @@ def dtype_of(cls: type[Row]) -> np.dtype[Any]:
 
 def zeros(cls: type[Row], count: int) -> Any:
     """Return so many rows of a class without tables as a structured array, whose numbers are 0."""
-    made: Any = cls
-    return np.zeros(count, dtype_of(made))
+    row_class: Any = cls
+    return np.zeros(count, dtype_of(row_class))
 
 
 def records(cls: type[Row], numbers: Any) -> Any:
     """Return rows of a class without tables as a structured array, of the numbers of each."""
     numbers = np.asarray(numbers).reshape(-1, len(cls.kinds))
-    made = zeros(cls, len(numbers))
+    array = zeros(cls, len(numbers))
     for column, name in enumerate(cls.kinds):
-        made[name] = numbers[:, column]
-    return made
+        array[name] = numbers[:, column]
+    return array

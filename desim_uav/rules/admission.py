@@ -24,15 +24,15 @@ class FirstCome(RowAdmission):
         self, world: Constants, path: Path, state: State, drone: Drone, phase: int
     ) -> None:
         """Serve, in turn, each request that fits into the drone's free bandwidth; refuse none."""
-        waiting, kept = drone.waiting, 0
+        waiting, count = drone.waiting, 0
         for k in range(len(waiting)):
             user = state.users[waiting[k]]
             if fits(world, drone, user.request.needs_hz):
                 serve(world, state, drone, user, phase)
             else:
-                waiting[kept] = waiting[k]
-                kept += 1
-        while len(waiting) > kept:
+                waiting[count] = waiting[k]
+                count += 1
+        while len(waiting) > count:
             waiting.pop()
 
 

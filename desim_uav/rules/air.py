@@ -20,17 +20,17 @@ def keeps_rings(world: Constants, drone: Drone) -> bool:
     between two levels, if nothing interferes, and if all links have the mean loss.
     """
     radio = world.radios[drone.radio]
-    known = drone.level == drone.to_level or goes_between(world, drone)
+    has_rings = drone.level == drone.to_level or goes_between(world, drone)
     if drone.off_grid and drone.point < 0:  # at any altitude
-        known = world.levels == 1
-    return bool(radio.flat) or (world.reuse == 0 and known and not radio.marked)
+        has_rings = world.levels == 1
+    return bool(radio.flat) or (world.reuse == 0 and has_rings and not radio.marked)
 
 
 @rule
 def goes_between(world: Constants, drone: Drone) -> bool:
     """Return whether a drone passes between neighbouring levels, where the rings are known."""
-    known = len(world.scene.radios[drone.radio].terms) > 0
-    return known and abs(drone.to_level - drone.level) == 1
+    has_terms = len(world.scene.radios[drone.radio].terms) > 0
+    return has_terms and abs(drone.to_level - drone.level) == 1
 
 
 @rule

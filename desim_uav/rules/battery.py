@@ -31,25 +31,25 @@ def is_limited(world: Constants, drone: Drone) -> bool:
 @rule
 def capacity_of(world: Constants, drone: Drone) -> int:
     """Return what a drone's full battery holds; 0 if it is unlimited."""
-    return world.types[drone.type].capacity_us
+    return world.types[drone.type].capacity
 
 
 @rule
 def full_of(world: Constants, drone: Drone) -> int:
     """Return the charge at which a drone's battery counts as full."""
-    return world.types[drone.type].full_us
+    return world.types[drone.type].full
 
 
 @rule
-def per_second_of(world: Constants, drone: Drone) -> int:
+def drain_per_s_of(world: Constants, drone: Drone) -> int:
     """Return the charge that a second of hovering takes."""
-    return world.types[drone.type].per_second
+    return world.types[drone.type].drain_per_s
 
 
 @rule
 def return_below_of(world: Constants, drone: Drone) -> int:
     """Return the charge at or below which a drone may return to a station."""
-    return world.types[drone.type].return_below_us
+    return world.types[drone.type].return_charge
 
 
 # ---- the charge
@@ -58,22 +58,22 @@ def return_below_of(world: Constants, drone: Drone) -> int:
 @rule
 def until_full_us(world: Constants, drone: Drone) -> int:
     """Return for how long a drone has to charge until its battery is full, at most until NEVER."""
-    held, capacity = drone.battery_us, capacity_of(world, drone)
-    return min(call_for_int(world.until_full_us, (world, held, capacity)), NEVER)
+    charge, capacity = drone.charge, capacity_of(world, drone)
+    return min(call_for_int(world.until_full_us, (world, charge, capacity)), NEVER)
 
 
 @rule
-def drained_us(world: Constants, drone: Drone, elapsed_us: int) -> int:
+def drain_of(world: Constants, drone: Drone, elapsed_us: int) -> int:
     """Return the charge that the first ``elapsed_us`` of a drone's transit use."""
     own = world.types[drone.type]
-    return call_for_int(own.drained_us, (own, flight_of(world, drone), elapsed_us))
+    return call_for_int(own.drain_of, (own, flight_of(world, drone), elapsed_us))
 
 
 @rule
 def lasts_us(world: Constants, drone: Drone) -> int:
     """Return after how many µs of its transit a drone's battery is empty."""
     own, flight = world.types[drone.type], flight_of(world, drone)
-    return call_for_int(own.lasts_us, (own, flight, drone.battery_us))
+    return call_for_int(own.lasts_us, (own, flight, drone.charge))
 
 
 @rule
@@ -84,11 +84,11 @@ def battery_now(world: Constants, state: State, drone: Drone) -> int:
     elapsed_us = state.now_us - drone.since_us
     if drone.mode in AIRBORNE:
         # A model that drains faster than time passes may drain more than is left in a microsecond.
-        return max(0, drone.battery_us - drained_us(world, drone, elapsed_us))
+        return max(0, drone.charge - drain_of(world, drone, elapsed_us))
     if drone.mode == CHARGING:
-        held, capacity = drone.battery_us, capacity_of(world, drone)
-        return call_for_int(world.charged, (world, held, elapsed_us, capacity))
-    return drone.battery_us
+        charge, capacity = drone.charge, capacity_of(world, drone)
+        return call_for_int(world.charged, (world, charge, elapsed_us, capacity))
+    return drone.charge
 
 
 @rule
@@ -106,28 +106,28 @@ def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None
 @rule
 def _hold(world: Constants, state: State, drone: Drone) -> None:
     """Update a limited battery to now, and cancel its scheduled depletion."""
-    held = battery_now(world, state, drone)
-    count_charge(drone, held)
-    drone.battery_us, drone.counted = held, 0
+    charge = battery_now(world, state, drone)
+    count_charge(drone, charge)
+    drone.charge, drone.counted = charge, 0
     undo(state, depletion_slot(state, drone.index))
 
 
 @rule
-def count_charge(drone: Drone, held: int) -> None:
+def count_charge(drone: Drone, charge: int) -> None:
     """Count what a battery, which holds so much now, has lost or gained since it was counted."""
-    lost = drone.battery_us - held - drone.counted
-    drone.counted += lost
-    if lost > 0:
-        drone.used += lost
+    loss = drone.charge - charge - drone.counted
+    drone.counted += loss
+    if loss > 0:
+        drone.used += loss
     else:
-        drone.gained -= lost
+        drone.gained -= loss
 
 
 @rule
 def begin_count(world: Constants, state: State, drone: Drone) -> None:
     """Begin to count anew what a battery loses and gains, with what it holds now."""
     drone.began = battery_now(world, state, drone)
-    drone.counted = drone.battery_us - drone.began
+    drone.counted = drone.charge - drone.began
     drone.used = drone.gained = 0
 
 
@@ -135,8 +135,8 @@ def begin_count(world: Constants, state: State, drone: Drone) -> None:
 def refill(world: Constants, drone: Drone) -> None:
     """Give a drone a full battery, which is not counted as charging."""
     capacity = capacity_of(world, drone)
-    drone.began += capacity - drone.battery_us
-    drone.battery_us, drone.counted = capacity, 0
+    drone.began += capacity - drone.charge
+    drone.charge, drone.counted = capacity, 0
 
 
 @rule

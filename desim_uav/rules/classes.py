@@ -78,11 +78,11 @@ def _sum_up_past(state: State, drone: Drone) -> None:
         change = ahead.pop()
         state.users[change.user].classes[d] = abs(change.change)
     for u in range(len(state.users) - 1, -1, -1):
-        held = state.users[u].classes[d]
-        if held > 0:
+        link_class = state.users[u].classes[d]
+        if link_class > 0:
             state.users[u].classes[d] = 0
             rise = ahead.added()
-            rise.t_us, rise.user, rise.change = state.now_us, u, held
+            rise.t_us, rise.user, rise.change = state.now_us, u, link_class
 
 
 @rule
@@ -127,7 +127,7 @@ def retune(world: Constants, path: Path, state: State, phase: int) -> None:
 @rule
 def _foresee_all(world: Constants, path: Path, state: State, end_us: int) -> None:
     """Write the changes of all drones that serve to their ``ahead``."""
-    shown, senders = show_air(world, path, state, end_us), len(state.senders)
+    visible, senders = show_air(world, path, state, end_us), len(state.senders)
     for d in range(senders):
         drone = state.senders[d]
         state.sky.legs[d].sought = 0
@@ -135,11 +135,11 @@ def _foresee_all(world: Constants, path: Path, state: State, end_us: int) -> Non
             foresee_rings(world, path, state, drone, end_us - state.now_us)
         elif drone.serving:
             drone.ahead.clear()
-            if shown:
+            if visible:
                 mark_all(world, path, state, drone, end_us)
                 note_classes(state, drone)
                 state.sky.legs[d].sought = 1
-    if not shown:
+    if not visible:
         return
     places = address(world.scene), address(state.sky), *walks_of(path, state)
     call_for_int(world.foresee_all, (*places, state.now_us, end_us))

@@ -73,11 +73,11 @@ def credit_service(state: State, user: User) -> None:
     """Count what a drone has done for a user's request since this was counted last."""
     request = user.request
     if request.number >= 0 and request.server >= 0:
-        done = request.done + (state.now_us - request.counted_us) * request.rate
-        done = min(done, request.required)
-        share = float(done - request.credited) / float(request.required)
+        amount = request.done + (state.now_us - request.counted_us) * request.rate
+        amount = min(amount, request.required)
+        share = float(amount - request.credited) / float(request.required)
         share /= float(request.stages)
-        request.credited = done
+        request.credited = amount
         credit = state.senders[request.server].credit
         credit.served += share
         if user.covered == 1:
@@ -99,5 +99,5 @@ def credit_step(state: State) -> None:
         credit.served = credit.served_alone = 0.0
     for d in range(len(state.drones)):
         drone, credit = state.drones[d], state.drones[d].credit
-        count_charge(drone, state.observations[d].battery_us)
+        count_charge(drone, state.observations[d].charge)
         credit.step_used, credit.used = drone.used - credit.used, drone.used

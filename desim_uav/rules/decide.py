@@ -28,7 +28,7 @@ from desim_uav.rules.free_flight import (
     fly_home_freely,
     turn_back_freely,
 )
-from desim_uav.rules.rows import Constants, Drone, Observation, Path, State
+from desim_uav.rules.rows import Constants, Drone, ObservationRow, Path, State
 
 
 @rule
@@ -41,7 +41,7 @@ def observe(world: Constants, state: State) -> None:
     for d in range(len(state.drones)):
         drone, observation = state.drones[d], state.observations[d]
         observation.mode = drone.mode
-        observation.battery_us = battery_now(world, state, drone)
+        observation.charge = battery_now(world, state, drone)
         observation.attached_users = drone.attached_users
         observation.used_hz = drone.used_hz
         observation.link_quality = 0.0
@@ -76,16 +76,16 @@ def record(world: Constants, state: State) -> None:
         record.step, record.t_us, record.drone = state.step - 1, state.now_us, d
         x_m, y_m, z_m = position(world, state, drone)
         record.x_m, record.y_m, record.z_m = x_m, y_m, z_m
-        record.mode, record.battery_us = observation.mode, observation.battery_us
+        record.mode, record.charge = observation.mode, observation.charge
         record.action, record.action_taken = drone.command, drone.taken
         record.attached_users = observation.attached_users
         record.served_requests = observation.served_requests
         record.used_hz = observation.used_hz
-        record.return_us = 0
+        record.return_drain = 0
         if is_limited(world, drone):
             plan = way_back(world, drone, observation.believed)
-            record.return_us = plan.drained_us if plan.station >= 0 else words.NEVER
-        count_charge(drone, observation.battery_us)
+            record.return_drain = plan.drain if plan.station >= 0 else words.NEVER
+        count_charge(drone, observation.charge)
         record.used = drone.used
         record.reward = state.rewards[d]
         course = drone.course
@@ -115,10 +115,10 @@ def allow(world: Constants, state: State) -> None:
         drone, observation = state.drones[d], state.observations[d]
         before = observation.elapsed_us if observation.forced and state.step > 0 else 0
         observation.elapsed_us = before + state.now_us - state.epoch_us
-        battery_us = observation.battery_us
+        charge = observation.charge
         limited = is_limited(world, drone)
-        may_return = limited and battery_us <= return_below_of(world, drone)
-        is_full = battery_us >= full_of(world, drone)
+        may_return = limited and charge <= return_below_of(world, drone)
+        is_full = charge >= full_of(world, drone)
         if world.by_event and is_full:
             may_return = False  # at a station it would be asked again at once, without end
         if may_return and drone.off_grid:
@@ -132,7 +132,7 @@ def allow(world: Constants, state: State) -> None:
 
 
 @rare_rule
-def _write_mask(world: Constants, state: State, drone: Drone, observation: Observation) -> None:
+def _write_mask(world: Constants, state: State, drone: Drone, observation: ObservationRow) -> None:
     """Write a drone's mask, and whether it is forced."""
     allows, options, first = observation.allows - 1, 0, drone.index * len(world.moves)
     for k in range(len(world.moves)):

@@ -290,6 +290,6 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
     for d in range(len(state.drones)):
         drone = state.drones[d]
         count_distance(world, state, drone)
-        count_charge(drone, state.observations[d].battery_us)
+        count_charge(drone, state.observations[d].charge)
         if drone.mode == words.QUEUED:
             count_queueing(state, drone)

@@ -10,7 +10,7 @@ from desim_uav.rules.coverage import silence, track
 from desim_uav.rules.due import arrival_slot, due, key
 from desim_uav.rules.epochs import ask_at, span_of
 from desim_uav.rules.note import note_drone, note_leg, place
-from desim_uav.rules.rows import Constants, Drone, Hop, Move, Path, Plan, State
+from desim_uav.rules.rows import Constants, Drone, Hop, Move, Path, PlanRow, State
 from desim_uav.rules.separation import must_wait
 from desim_uav.rules.transits import flight_of, heights_of, way_of
 
@@ -70,7 +70,7 @@ def position(world: Constants, state: State, drone: Drone) -> tuple[float, float
 
 
 @rule
-def way_back(world: Constants, drone: Drone, from_place: int) -> Plan:
+def way_back(world: Constants, drone: Drone, from_place: int) -> PlanRow:
     """Return the planned return from a place, below the drone's ceiling if it has one.
 
     In free flight, it is from where the drone has been at the latest decision epoch.

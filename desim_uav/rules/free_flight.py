@@ -11,7 +11,7 @@ from desim_uav.model.geometry.grid import cell_index, level_index
 from desim_uav.model.geometry.prisms import Prisms, first_entry
 from desim_uav.model.geometry.roads import Roads, way_home
 from desim_uav.model.motion.flight import chosen_mps, no_faster, step_leg
-from desim_uav.model.motion.legs import Bounds, FreeLeg, direction, leg_between
+from desim_uav.model.motion.legs import FreeLeg, LegBounds, direction, leg_between
 from desim_uav.model.motion.limits import Limits, Wind, wind_along
 from desim_uav.model.motion.space import Ways
 from desim_uav.model.radio.tracks import Point
@@ -107,10 +107,10 @@ def here(course: Course) -> Point:
 
 
 @rule
-def bounds_of(world: Constants, drone: Drone) -> Bounds:
+def bounds_of(world: Constants, drone: Drone) -> LegBounds:
     """Return where a drone may be."""
     levels = world.levels_under_ceiling if world.ceilings[drone.index] else world.levels
-    return Bounds(world.width_m, world.depth_m, world.levels_m[0], world.levels_m[levels - 1])
+    return LegBounds(world.width_m, world.depth_m, world.levels_m[0], world.levels_m[levels - 1])
 
 
 @rule
@@ -317,7 +317,7 @@ def look_home(world: Constants, state: State, drone: Drone) -> None:
     """
     home, (x, y, z) = drone.course.home, position(world, state, drone)
     home.station = home.first = home.end = -1
-    home.duration_us = home.drained_us = words.NEVER
+    home.duration_us = home.drain = words.NEVER
     if drone.fallen:
         return
     levels = world.levels_under_ceiling if world.ceilings[drone.index] else world.levels
@@ -354,8 +354,8 @@ def _look_at(world: Constants, state: State, drone: Drone, at: Point, level: int
     ahead = leg_between(limits, wind, np.inf, over, there)
     home.station, home.first, home.end = station, node, level
     home.duration_us = rising.duration_us + lasts_us
-    home.drained_us = int(ways.drains[station, node])
-    home.drained_us += _drains(world, drone, rising) + _drains(world, drone, ahead)
+    home.drain = int(ways.drains[station, node])
+    home.drain += _drains(world, drone, rising) + _drains(world, drone, ahead)
 
 
 @rule
@@ -365,4 +365,4 @@ def _drains(world: Constants, drone: Drone, leg: FreeLeg) -> int:
         return 0
     own, probe = type_of(world, drone), drone.course.probe
     write_flight(probe, leg, wind_of(world, drone.type))
-    return call_for_int(own.drained_us, (own, probe, probe.duration_us))
+    return call_for_int(own.drain_of, (own, probe, probe.duration_us))

@@ -12,9 +12,9 @@ from desim_uav.model.state import Facts
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rowcode.rows import Table
-from desim_uav.rules.battery import capacity_of, is_limited, per_second_of
+from desim_uav.rules.battery import capacity_of, drain_per_s_of, is_limited
 from desim_uav.rules.flight import position, way_back
-from desim_uav.rules.rows import Constants, Drone, Observation, State
+from desim_uav.rules.rows import Constants, Drone, ObservationRow, State
 
 
 @register("observation", "position")
@@ -83,7 +83,7 @@ def write_position(world: Constants, state: State, drone: Drone) -> int:
         out[k] = observation.level
         k += 1
     if is_limited(world, drone):
-        out[k] = observation.battery_us // (60 * per_second_of(world, drone))
+        out[k] = observation.charge // (60 * drain_per_s_of(world, drone))
         k += 1
     return k
 
@@ -129,7 +129,7 @@ def clear_from(features: Table[float], first: int) -> None:
 
 
 @rare_rule
-def _write_place(world: Constants, state: State, drone: Drone, observation: Observation) -> None:
+def _write_place(world: Constants, state: State, drone: Drone, observation: ObservationRow) -> None:
     """Write the place of a drone that flies freely, in the units of cells and levels.
 
     Under position noise, it is as many cells away from the true place as the believed cell is.
@@ -145,23 +145,23 @@ def _write_place(world: Constants, state: State, drone: Drone, observation: Obse
 
 
 @rule
-def _write_way_home(world: Constants, drone: Drone, observation: Observation, k: int) -> None:
+def _write_way_home(world: Constants, drone: Drone, observation: ObservationRow, k: int) -> None:
     """Write the battery, n_B, and the bearing and flight time of the nearest station, from ``k``.
 
     The bearing is that of the cells; n_B and the flight time are 1 if no station can be reached.
     """
     out, capacity_s = drone.features, capacity_of(world, drone) / US
     plan = way_back(world, drone, observation.believed)
-    out[k] = (observation.battery_us / US) / capacity_s
+    out[k] = (observation.charge / US) / capacity_s
     out[k + 1] = out[k + 4] = 1.0
     out[k + 2] = out[k + 3] = 0.0
     if plan.station >= 0:
         station = world.stations[plan.station]
-        out[k + 1] = min((plan.drained_us / US) / capacity_s, 1.0)
+        out[k + 1] = min((plan.drain / US) / capacity_s, 1.0)
         east = (station.x - observation.x) * world.cell_x_m
         north = (station.y - observation.y) * world.cell_y_m
         distance = math.sqrt(east * east + north * north)
         if distance > 0.0:
             out[k + 2], out[k + 3] = east / distance, north / distance
-        lasts_s = capacity_of(world, drone) / per_second_of(world, drone)
+        lasts_s = capacity_of(world, drone) / drain_per_s_of(world, drone)
         out[k + 4] = min((plan.duration_us / US) / lasts_s, 1.0)

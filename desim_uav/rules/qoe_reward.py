@@ -11,8 +11,8 @@ from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import US
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rule
-from desim_uav.rules.battery import is_limited, per_second_of
-from desim_uav.rules.rewards import Weight
+from desim_uav.rules.battery import drain_per_s_of, is_limited
+from desim_uav.rules.rewards import RewardWeight
 from desim_uav.rules.rows import Constants, Drone, State
 from desim_uav.rules.words import CRASHED
 
@@ -27,9 +27,9 @@ class QoE(RowReward):
     share of all that is expected to be asked for in the episode.
     """
 
-    w1: Weight = 1.0
+    w1: RewardWeight = 1.0
     """The weight of QoE1."""
-    w3: Weight = 1.0
+    w3: RewardWeight = 1.0
     """The weight of QoE3."""
     crash: Annotated[float, Ge(0), Le(1e6)] = 0.0
     """What a drone loses in the step in which it crashes."""
@@ -37,7 +37,7 @@ class QoE(RowReward):
     """Whether only what others would not have covered counts. If not, all that the drone does
     counts.
     """
-    energy: Weight = 0.0
+    energy: RewardWeight = 0.0
     """What a drone loses for the charge that a step of hovering takes. 0: charge costs nothing, and
     there is no term for it.
     """
@@ -77,7 +77,7 @@ def fair_times(world: Constants, state: State, lasted_us: int) -> float:
 @rule
 def steps_of_hovering(world: Constants, drone: Drone, charge: int) -> float:
     """Return for how many steps of hovering a charge lasts."""
-    return float(charge) / float(per_second_of(world, drone)) * (float(US) / float(world.step_us))
+    return float(charge) / float(drain_per_s_of(world, drone)) * (float(US) / float(world.step_us))
 
 
 @rule

@@ -88,22 +88,22 @@ class Radar(RowObservation):
         """Return the channels of a raster in their order, and the greatest value of each."""
         users, limited = facts.users * (1.0 / self.full), facts.capacity_s is not None
         others = float(max(1, facts.drones - 1))
-        found: dict[str, float] = {}
+        greatest: dict[str, float] = {}
         if self.users:
-            found |= dict.fromkeys(("free", "own", "others"), users)
+            greatest |= dict.fromkeys(("free", "own", "others"), users)
         if self.requests:
-            found |= dict.fromkeys(("waiting", "served"), users)
+            greatest |= dict.fromkeys(("waiting", "served"), users)
         if self.demand:
-            found["demand"] = users
+            greatest["demand"] = users
         if self.blocked:
-            found["blocked"] = 1.0
+            greatest["blocked"] = 1.0
         if self.stations and limited:
-            found["stations"] = float(len(facts.stations))
+            greatest["stations"] = float(len(facts.stations))
         if self.drones:
-            found["serving"] = others
+            greatest["serving"] = others
             if facts.some_charge:
-                found["away"] = others
-        return found
+                greatest["away"] = others
+        return greatest
 
     def shape(self, facts: Facts) -> tuple[int, int, int, int]:
         """Return the shape of the features behind those of ``local``.
@@ -115,25 +115,25 @@ class Radar(RowObservation):
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the features, all real numbers."""
         half_x, half_y = self.cells_x // 2, self.cells_y // 2
-        shown = [
+        channels = [
             Feature(f"{name}{scale}_{x - half_x:+d}_{y - half_y:+d}", 0.0, most, False)
             for scale in range(self.scales)
             for name, most in self.channels(facts).items()
             for x in range(self.cells_x)
             for y in range(self.cells_y)
         ]
-        return (*Local().features(facts), *shown)
+        return (*Local().features(facts), *channels)
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the features, all real numbers, into ``drone.features``."""
         k, side, own = write_local(world, state, drone), 1, state.observations[drone.index]
         clear_from(drone.features, k)
-        shown = (self.users, self.requests, self.demand)
+        channels = (self.users, self.requests, self.demand)
         for _ in range(self.scales):
             first_x = own.x - self.cells_x * side // 2
             first_y = own.y - self.cells_y * side // 2
             window = Window(first_x, first_y, self.cells_x, self.cells_y, side, k)
-            window = _write_users(world, state, drone, window, shown, self.full)
+            window = _write_users(world, state, drone, window, channels, self.full)
             if self.blocked:
                 window = _write_blocked(world, state, drone, window)
             if self.stations and is_limited(world, drone):
@@ -171,12 +171,12 @@ def _write_users(
     state: State,
     drone: Drone,
     window: Window,
-    shown: tuple[bool, bool, bool],
+    channels: tuple[bool, bool, bool],
     full: float,
 ) -> Window:
-    """Count in each cell what is ``shown``: users, requests, and what these still need."""
+    """Count in each cell, for the ``channels`` there are: users, requests, what these need."""
     first_x, first_y, cells_x, cells_y, side, at = window
-    after = _behind(window, 3 * int(shown[0]) + 2 * int(shown[1]) + int(shown[2]))
+    after = _behind(window, 3 * int(channels[0]) + 2 * int(channels[1]) + int(channels[2]))
     if after.at == at:
         return after
     for x in range(max(first_x, 0), min(first_x + cells_x * side, world.nx)):
@@ -186,7 +186,7 @@ def _write_users(
                 cell = at + (x - first_x) // side * cells_y + (y - first_y) // side
                 while number >= 0:
                     spot = state.spots[number]
-                    _count(drone, spot, cell, cells_x * cells_y, shown)
+                    _count(drone, spot, cell, cells_x * cells_y, channels)
                     number = spot.following
     out, one = drone.features, 1.0 / full
     for k in range(at, after.at):
@@ -195,10 +195,10 @@ def _write_users(
 
 
 @rule
-def _count(drone: Drone, spot: Spot, k: int, cells: int, shown: tuple[bool, bool, bool]) -> None:
+def _count(drone: Drone, spot: Spot, k: int, cells: int, channels: tuple[bool, bool, bool]) -> None:
     """Count a user in a cell, which is feature ``k`` of the first channel."""
     out = drone.features
-    users, requests, demand = shown
+    users, requests, demand = channels
     if users:
         channel = 0
         if spot.holder >= 0:
@@ -251,9 +251,9 @@ def _write_drones(world: Constants, state: State, drone: Drone, window: Window) 
     """Count the other drones in each cell: those that serve, and those that are away to charge."""
     away = window.cells_x * window.cells_y
     for d in range(len(state.drones)):
-        seen = state.observations[d]
-        cell = _cell_of(window, seen.x, seen.y)
-        if d != drone.index and cell >= 0 and seen.mode != CRASHED:
-            channel = 0 if seen.mode == FLYING else away
+        observation = state.observations[d]
+        cell = _cell_of(window, observation.x, observation.y)
+        if d != drone.index and cell >= 0 and observation.mode != CRASHED:
+            channel = 0 if observation.mode == FLYING else away
             drone.features[window.at + cell + channel] += 1.0
     return _behind(window, 1 + int(world.limited))

@@ -97,8 +97,8 @@ def done_share(state: State, user: User) -> float:
     request = user.request
     if request.server < 0:
         return user.share
-    done = request.done + (state.now_us - request.counted_us) * request.rate
-    return progress(request, min(done, request.required))
+    amount = request.done + (state.now_us - request.counted_us) * request.rate
+    return progress(request, min(amount, request.required))
 
 
 @rule

@@ -14,13 +14,13 @@ from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.flight import way_back
-from desim_uav.rules.rows import Constants, Drone, Observation, State
+from desim_uav.rules.rows import Constants, Drone, ObservationRow, State
 from desim_uav.rules.words import AIRBORNE, TOO_LARGE
 
 LARGEST_REWARD = 1e100
 """The largest allowed magnitude of a drone's reward, at which sums over a run stay finite."""
 
-Weight = Annotated[float, Ge(0), Le(1e6)]
+RewardWeight = Annotated[float, Ge(0), Le(1e6)]
 Sign = Annotated[float, Ge(-1), Le(1)]
 Share = Annotated[float, Ge(0), Le(1)]
 
@@ -84,9 +84,9 @@ class MultiService(RowReward):
     """The sign of the cost of a return: -1 subtracts it, and 1 adds it, as the paper writes it."""
     low_battery: Share = 0.2
     """The share of the capacity (c1) at or below which the way to a station counts."""
-    users: Weight = 0.5
+    users: RewardWeight = 0.5
     """The weight of the attached users."""
-    services: Mapping[str, Weight] = field(
+    services: Mapping[str, RewardWeight] = field(
         default_factory=lambda: {"throughput": 0.2, "edge_computing": 0.2, "data_gathering": 0.1}
     )
     """The weight of each service, by name."""
@@ -113,22 +113,22 @@ class MultiService(RowReward):
             terms[0] = service * self.users * fair_share(world, state, observation, self.capped)
             first = 2 * services * drone.index + (0 if self.served_only else services)
             for k in range(services):
-                counted, asked = state.counts[first + k], state.asked[k]
-                if counted and asked:
-                    terms[1 + k] = service * self.services[k] * (counted / asked)  # type: ignore[index]
+                counted, requests = state.counts[first + k], state.asked[k]
+                if counted and requests:
+                    terms[1 + k] = service * self.services[k] * (counted / requests)  # type: ignore[index]
             signed = self.cost_sign * cost
             terms[services + 1] = signed * way_home if cost else signed * 0.0
             terms[services + 2] = signed * 0.0
 
 
 @rule
-def is_in_the_air(observation: Observation) -> bool:
+def is_in_the_air(observation: ObservationRow) -> bool:
     """Return whether a drone flies or returns; one that has landed or crashed is paid nothing."""
     return observation.mode in AIRBORNE
 
 
 @rule
-def fair_share(world: Constants, state: State, observation: Observation, capped: bool) -> float:
+def fair_share(world: Constants, state: State, observation: ObservationRow, capped: bool) -> float:
     """Return r_u: the drone's users divided by the mean number of users per drone.
 
     Access points that count in rewards are drones here.
@@ -141,7 +141,7 @@ def fair_share(world: Constants, state: State, observation: Observation, capped:
 
 @rule
 def battery_weights(
-    world: Constants, drone: Drone, observation: Observation, low_battery: float, capped: bool
+    world: Constants, drone: Drone, observation: ObservationRow, low_battery: float, capped: bool
 ) -> tuple[float, float, float]:
     """Return w_s and w_c, the weights of service and of the way to a station, and r_c, its cost.
 
@@ -155,24 +155,24 @@ def battery_weights(
     """
     if not is_limited(world, drone):
         return 1.0, 0.0, 0.0
-    battery_us, plan = observation.battery_us, way_back(world, drone, observation.believed)
-    battery_s, return_s, lost = battery_us / US, plan.drained_us / US, plan.station < 0
+    charge, plan = observation.charge, way_back(world, drone, observation.believed)
+    battery_s, return_s, no_way = charge / US, plan.drain / US, plan.station < 0
     cost = 1.0
-    if battery_us > 0 and not lost:
+    if charge > 0 and not no_way:
         cost = return_s / battery_s
         if capped and cost > 1.0:
             cost = 1.0
     c1_us = low_battery * capacity_of(world, drone)
     c2_us = c1_us / 1.5
     c3_us = c2_us / 1.5
-    if battery_us > round(c1_us):
+    if charge > round(c1_us):
         return 1.0, 0.0, cost
-    if not lost and battery_s > return_s:
-        if battery_us > round(c2_us):
+    if not no_way and battery_s > return_s:
+        if charge > round(c2_us):
             return 0.8, 0.2, cost
-        if battery_us > round(c3_us):
+        if charge > round(c3_us):
             return 0.5, 0.5, cost
-        if battery_us > round(c3_us / 1.5):
+        if charge > round(c3_us / 1.5):
             return 0.2, 0.8, cost
     return 0.0, 1.0, cost
 

@@ -58,13 +58,13 @@ def _begin_stage(
 
 
 @rule
-def progress(request: Request, done: int) -> float:
+def progress(request: Request, amount: int) -> float:
     """Return the progress of a request: the stages done, and the share of this one, over all.
 
-    ``done`` is what has been done in the present stage. Numbers with a point are divided, because
+    ``amount`` is what has been done in the present stage. Numbers with a point are divided, because
     Python and compiled code divide whole numbers of more than 53 bits differently.
     """
-    share = float(done) / float(request.required)
+    share = float(amount) / float(request.required)
     return (float(request.stage) + share) / float(request.stages)
 
 

@@ -47,12 +47,12 @@ class Team(RowObservation):
         modes = MODES if facts.some_charge else MODES[:1]
         away = ["east", "north"] + ["up"] * facts.three_d
         rest = [*modes, *["battery"] * facts.some_charge]
-        shown = [
+        of_others = [
             Feature(f"other{k}_{name}", -1.0 if name in away else 0.0, 1.0, False)
             for k in range(self.others or facts.drones - 1)
             for name in (*away, *rest)
         ]
-        return (*Local().features(facts), *shown)
+        return (*Local().features(facts), *of_others)
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the features, all real numbers, into ``drone.features``."""
@@ -77,37 +77,37 @@ def _next(
     The other one is drone ``last`` at the squared distance ``far_2``. If the order is not that of
     distances (``nearest``), all of them are 0.
     """
-    own, found_2, found = state.observations[drone.index], -1.0, -1
+    own, found_2, follower = state.observations[drone.index], -1.0, -1
     for d in range(len(state.drones)):
-        seen, away_2 = state.observations[d], 0.0
+        observation, away_2 = state.observations[d], 0.0
         if nearest:
-            east_m = (seen.x - own.x) * world.cell_x_m
-            north_m = (seen.y - own.y) * world.cell_y_m
+            east_m = (observation.x - own.x) * world.cell_x_m
+            north_m = (observation.y - own.y) * world.cell_y_m
             away_2 = east_m * east_m + north_m * north_m
         follows = away_2 > far_2 or (away_2 == far_2 and d > last)
-        if d != drone.index and follows and (found < 0 or away_2 < found_2):
-            found_2, found = away_2, d
-    return found_2, found
+        if d != drone.index and follows and (follower < 0 or away_2 < found_2):
+            found_2, follower = away_2, d
+    return found_2, follower
 
 
 @rule
 def _write_other(world: Constants, state: State, drone: Drone, other: Drone, k: int) -> int:
     """Write the features of another drone from ``k`` on; return where the next ones begin."""
-    own, seen, out = (
+    own, observation, out = (
         state.observations[drone.index],
         state.observations[other.index],
         drone.features,
     )
-    out[k] = (seen.x - own.x) / world.nx
-    out[k + 1] = (seen.y - own.y) / world.ny
+    out[k] = (observation.x - own.x) / world.nx
+    out[k + 1] = (observation.y - own.y) / world.ny
     k += 2
     if world.three_d:
-        out[k] = (seen.level - own.level) / world.levels_under_ceiling
+        out[k] = (observation.level - own.level) / world.levels_under_ceiling
         k += 1
-    out[k + seen.mode] = 1.0
+    out[k + observation.mode] = 1.0
     if not world.limited:
         return k + 1
     out[k + len(MODES)] = 1.0
     if is_limited(world, other):
-        out[k + len(MODES)] = (seen.battery_us / US) / (capacity_of(world, other) / US)
+        out[k + len(MODES)] = (observation.charge / US) / (capacity_of(world, other) / US)
     return k + len(MODES) + 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.rows import Constants, Drone, State, TransitRow
 from desim_uav.rules.words import OWN, REST
-from desim_uav.sky.rows import Leg
+from desim_uav.sky.rows import LegRow
 
 
 @rule
@@ -66,7 +66,7 @@ def show_leg(world: Constants, state: State, drone: Drone) -> None:
 
 
 @rare_rule
-def _show_pieces(flight: TransitRow, leg: Leg) -> None:
+def _show_pieces(flight: TransitRow, leg: LegRow) -> None:
     """Write the pieces of a transit of free flight to a leg."""
     for k in range(len(flight.pieces)):
         own, piece = flight.pieces[k], leg.pieces[k]

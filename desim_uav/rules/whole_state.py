@@ -73,7 +73,7 @@ def _write_drone(world: Constants, state: State, d: int, out: NDArray[np.float64
     at += MODES
     out[at] = 1.0
     if is_limited(world, drone):
-        out[at] = observation.battery_us / capacity_of(world, drone)
+        out[at] = observation.charge / capacity_of(world, drone)
     out[at + 1] = observation.attached_users / users
     at += 2
     for count in range(2 * world.services):

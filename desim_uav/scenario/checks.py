@@ -24,12 +24,12 @@ from desim_uav.scenario.components import place_of_problem
 from desim_uav.scenario.drones import Drones, flies_freely
 from desim_uav.scenario.epochs import decisions_by_event_fit_the_scenario
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.free import free_flight_fits_the_scenario
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.service_checks import stages_can_be_served
+from desim_uav.scenario.space_checks import free_flight_fits_the_scenario
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -60,32 +60,32 @@ def a_battery_needs_a_station(scenario: Scenario) -> Iterator[Finding]:
 
 def stations_have_their_own_cells(scenario: Scenario) -> Iterator[Finding]:
     """Two stations on one cell."""
-    seen: dict[Cell, int] = {}
+    station_on: dict[Cell, int] = {}
     for station, cell in enumerate(station_cells(scenario)):
-        if cell in seen:
+        if cell in station_on:
             yield Finding(
                 ("stations", "radius_m"),
-                f"stations {seen[cell]} and {station} stand on one cell {_shown(cell)}; "
+                f"stations {station_on[cell]} and {station} stand on one cell {_text_of(cell)}; "
                 f"take fewer stations, a larger circle or smaller cells",
                 (("stations", "count"), *_GRID),
             )
             return
-        seen[cell] = station
+        station_on[cell] = station
 
 
 def drones_start_on_the_map(scenario: Scenario) -> Iterator[Finding]:
     """Start cells: one a drone, each on the map."""
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
-        given, path = drones.start_cells, (*key, "start_cells")
-        if given is None:
+        cells, path = drones.start_cells, (*key, "start_cells")
+        if cells is None:
             continue
-        if len(given) != drones.count:
+        if len(cells) != drones.count:
             yield Finding(
                 path,
-                f"must be one cell a drone: {drones.count}, not {len(given)}",
+                f"must be one cell a drone: {drones.count}, not {len(cells)}",
                 ((*key, "count"),),
             )
-        for index, cell in enumerate(given):
+        for index, cell in enumerate(cells):
             if not _on_map(scenario, cell):
                 yield Finding((*path, index), _off_map(scenario), (("map", "cells"),))
 
@@ -175,13 +175,13 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         if flies_freely(drones):
             continue
-        seen = set()
+        problems = set()
         if problem_in_wind(drones, scenario.wind_mps):
             continue
         for which, (way, distance) in hops.items():
             problem = _transit_problem(scenario, drones, way, distance)
-            if problem and problem not in seen:
-                seen.add(problem)
+            if problem and problem not in problems:
+                problems.add(problem)
                 message = f"a hop {which} cannot be flown: {problem}"
                 yield Finding((*key, "motion"), message, also)
 
@@ -223,13 +223,13 @@ def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:
     mix = getattr(scenario.demand, "mix", None)
     if not isinstance(mix, dict):
         return
-    path, known = ("demand", "mix"), list(scenario.services)
+    path, services = ("demand", "mix"), list(scenario.services)
     for name in mix:
-        if name not in known:
+        if name not in services:
             yield Finding(
                 (*path, name),
-                f"no such service{did_you_mean(name, known)}; "
-                f"demand.mix can name {', '.join(known)}",
+                f"no such service{did_you_mean(name, services)}; "
+                f"demand.mix can name {', '.join(services)}",
                 (("services",),),
             )
     if not in_order(mix.values()) > 0:
@@ -241,13 +241,13 @@ def the_reward_names_services(scenario: Scenario) -> Iterator[Finding]:
     weights = getattr(scenario.reward, "services", None)
     if not isinstance(weights, Mapping) or weights == MultiService().services:
         return
-    known = list(scenario.services)
+    services = list(scenario.services)
     for name in weights:
-        if name not in known:
+        if name not in services:
             yield Finding(
                 ("reward", "services", name),
-                f"no such service{did_you_mean(name, known)}; "
-                f"reward.services can name {', '.join(known)}",
+                f"no such service{did_you_mean(name, services)}; "
+                f"reward.services can name {', '.join(services)}",
                 (("services",),),
             )
 
@@ -302,12 +302,12 @@ def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
                 charged(drones.battery),
                 ((*key, "battery"),),
             )
-    asked = getattr(scenario.demand, "problems", None)
-    if asked:
+    problems_of = getattr(scenario.demand, "problems", None)
+    if problems_of:
         yield from _own_problems(
             ("demand",),
             scenario.demand,
-            asked(scenario.users.count, list(scenario.services)),
+            problems_of(scenario.users.count, list(scenario.services)),
             (*_USER_COUNT, ("services",)),
         )
 
@@ -344,20 +344,20 @@ def _listed_obstacles(scenario: Scenario, obstacles: ListedObstacles) -> Iterato
     layout = (("stations",), *own)
     kept_free = dict.fromkeys(start_cells(scenario), "a start cell")
     kept_free |= dict.fromkeys(station_cells(scenario), "a station's cell")
-    seen: dict[Cell, int] = {}
+    index_of: dict[Cell, int] = {}
     sound = True
     for index, (ix, iy, _) in enumerate(obstacles.cells):
         cell, problem, also = (ix, iy), "", (*_GRID, *layout)
         if not _on_map(scenario, cell):
             problem, also = _off_map(scenario), (("map", "cells"),)
-        elif cell in seen:
-            problem, also = f"this cell is given twice, first as {path[-1]}.{seen[cell]}", ()
+        elif cell in index_of:
+            problem, also = f"this cell is given twice, first as {path[-1]}.{index_of[cell]}", ()
         elif cell in kept_free:
             problem = f"a building on {kept_free[cell]}"
         if problem:
             sound = False
             yield Finding((*path, index), problem, also)
-        seen.setdefault(cell, index)
+        index_of.setdefault(cell, index)
     if sound:
         yield from _cut_off(scenario, obstacles, list(kept_free), (*_GRID, *layout))
 
@@ -375,7 +375,7 @@ def _cut_off(
         if not reached[cell]:
             yield Finding(
                 ("map", "obstacles", "cells"),
-                f"the buildings cut {_shown(cell)} off from {_shown(cells[0])} "
+                f"the buildings cut {_text_of(cell)} off from {_text_of(cells[0])} "
                 f"at the lowest level, {lowest:g} m",
                 (*also, ("map", "levels", "min_altitude_m")),
             )
@@ -418,5 +418,5 @@ def _off_map(scenario: Scenario) -> str:
     return f"off the map, which is {nx} x {ny} cells, counted from 0"
 
 
-def _shown(cell: Cell) -> str:
+def _text_of(cell: Cell) -> str:
     return f"[{cell[0]}, {cell[1]}]"

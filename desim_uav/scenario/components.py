@@ -61,29 +61,29 @@ class Slot:
     ) -> JsonSchemaValue:
         """Return the schema of all built-in components and of a plug-in."""
         forms = [self._built_in_schema(kind) for kind in registry.names(self.name)]
-        named = [{"enum": registry.names(self.name)}] if self.by_name else []
-        return {"anyOf": [*forms, *named, _PLUG_IN_SCHEMA]}
+        kinds = [{"enum": registry.names(self.name)}] if self.by_name else []
+        return {"anyOf": [*forms, *kinds, _PLUG_IN_SCHEMA]}
 
     def component_class(self, kind: str) -> type:
         """Return the class of a kind, ready for validation. Raises ValueError."""
         try:
-            found = registry.resolve(self.name, kind)
+            class_ = registry.resolve(self.name, kind)
         except TypeError as error:
             raise ValueError(f"{kind!r} cannot be used as {self.name}: {error}") from error
-        if not _is_interface(self.protocol) and not issubclass(found, self.protocol):
+        if not _is_interface(self.protocol) and not issubclass(class_, self.protocol):
             base = f"{self.protocol.__module__}.{self.protocol.__qualname__}"
             raise ValueError(f"{kind!r} cannot be used as {self.name}: it is no subclass of {base}")
-        missing = _lacks(found, self.protocol)
+        missing = _lacks(class_, self.protocol)
         if missing:
             raise ValueError(
                 f"{kind!r} cannot be used as {self.name}: it has no method {missing[0]!r}"
             )
-        for method in _answering(found):
+        for method in _answering(class_):
             raise ValueError(
                 f"{kind!r} cannot be used as {self.name}: its method {method!r} returns a value, "
                 f"which nobody reads; it must write what it has worked out into its rows"
             )
-        return found
+        return class_
 
     def parameter_names(self, kind: Any) -> list[str]:
         """Return the keys that a component of this kind accepts."""
@@ -95,8 +95,8 @@ class Slot:
     def annotation(self, kind: Any, name: str) -> Any:
         """Return the annotation of a parameter of a component of this kind, or None."""
         try:
-            found = self.component_class(kind or self.default)
-            return typing.get_type_hints(found, include_extras=True).get(name)
+            class_ = self.component_class(kind or self.default)
+            return typing.get_type_hints(class_, include_extras=True).get(name)
         except (NameError, TypeError, ValueError):
             return None
 
@@ -111,19 +111,19 @@ class Slot:
         name = "the name of a kind, or " if self.by_name else ""
         raise _error(f"must be {name}a mapping with a kind{hint}")
 
-    def _make(self, given: dict[str, Any], context: Mapping[str, Any]) -> Any:
-        kind = given.pop("kind", self.default)
+    def _make(self, mapping: dict[str, Any], context: Mapping[str, Any]) -> Any:
+        kind = mapping.pop("kind", self.default)
         if not isinstance(kind, str):
             raise _error_at("kind", "must be text: " + self._allowed(), kind)
         try:
-            found = self.component_class(kind)
+            class_ = self.component_class(kind)
         except ValueError as error:
             raise _error_at("kind", str(error), kind) from error
-        _refuse_huge(given)
-        if not dataclasses.is_dataclass(found):
-            component = _called(found, given)
+        _refuse_huge(mapping)
+        if not dataclasses.is_dataclass(class_):
+            component = _called(class_, mapping)
         else:
-            component = _validated(found, given, context.get("base"))
+            component = _validated(class_, mapping, context.get("base"))
         missing = [name for name in _attributes(self.protocol) if not hasattr(component, name)]
         if missing:
             problem = f"{kind!r} cannot be used as {self.name}: it has no attribute {missing[0]!r}"
@@ -134,11 +134,11 @@ class Slot:
         return f'{", ".join(registry.names(self.name))}, or "package.module:Class"'
 
     def _built_in_schema(self, kind: str) -> JsonSchemaValue:
-        found = registry.resolve(self.name, kind)
-        schema = with_meanings(_whole(_adapter(found).json_schema()), found)
-        given = {key: schema["properties"][key] for key in _parameters(found)}
-        properties = {"kind": {"const": kind}} | given
-        for name, part in _parts(found).items():
+        class_ = registry.resolve(self.name, kind)
+        schema = with_meanings(_whole(_adapter(class_).json_schema()), class_)
+        schemas = {key: schema["properties"][key] for key in _parameters(class_)}
+        properties = {"kind": {"const": kind}} | schemas
+        for name, part in _parts(class_).items():
             properties[name]["default"] = described(part)
         required = schema.get("required", [])
         if kind != self.default:
@@ -153,7 +153,7 @@ class Slot:
 
 def _whole(schema: JsonSchemaValue) -> JsonSchemaValue:
     """Return a schema with its definitions where they are referred to."""
-    known = schema.get("$defs", {})
+    definitions = schema.get("$defs", {})
 
     def put_in(part: Any) -> Any:
         if isinstance(part, list):
@@ -161,8 +161,8 @@ def _whole(schema: JsonSchemaValue) -> JsonSchemaValue:
         if not isinstance(part, dict):
             return part
         name = str(part.get("$ref", "")).removeprefix("#/$defs/")
-        if name in known:
-            return put_in(known[name])
+        if name in definitions:
+            return put_in(definitions[name])
         return {key: put_in(one) for key, one in part.items() if key != "$defs"}
 
     whole: JsonSchemaValue = put_in(schema)
@@ -212,9 +212,9 @@ class NameOrForm:
         wrong = [(index, item) for index, item in enumerate(items) if not isinstance(item, Mapping)]
         if wrong:
             raise errors([((index,), "must be a mapping", item) for index, item in wrong])
-        made = strictly(self.mark.form, value)
+        form = strictly(self.mark.form, value)
         try:
-            return self.mark.made(made) if self.mark.made else made
+            return self.mark.made(form) if self.mark.made else form
         except ValueError as error:
             raise _error(str(error)) from error
 
@@ -258,9 +258,9 @@ class CheckedField:
         return handler(schema)
 
 
-def as_field(mark: registry.Mark) -> Slot | NameOrForm | CheckedField:
+def as_field(mark: registry.FieldMark) -> Slot | NameOrForm | CheckedField:
     """Return what validates a marked field of a component."""
-    if isinstance(mark, registry.Part):
+    if isinstance(mark, registry.ComponentField):
         return Slot(mark.slot, mark.default, mark.protocol, mark.by_name)
     if isinstance(mark, registry.Checked):
         return CheckedField(mark)
@@ -268,7 +268,7 @@ def as_field(mark: registry.Mark) -> Slot | NameOrForm | CheckedField:
     return NameOrForm(mark)
 
 
-registry.Mark.as_field = staticmethod(as_field)
+registry.FieldMark.as_field = staticmethod(as_field)
 
 _PLUG_IN_SCHEMA: JsonSchemaValue = {
     "title": "plug-in",
@@ -285,9 +285,9 @@ def described(component: Any, hashed: bool = False) -> dict[str, Any]:
     To be ``hashed``, parameters that came later are left out (see ``unchanged``), and a component
     of one's own has the digest of its code.
     """
-    found = type(component)
-    kind = vars(found).get("kind", f"{found.__module__}:{found.__qualname__}")
-    plain = {"kind": kind} | ({"code": code} if hashed and (code := code_of(found)) else {})
+    class_ = type(component)
+    kind = vars(class_).get("kind", f"{class_.__module__}:{class_.__qualname__}")
+    plain = {"kind": kind} | ({"code": code} if hashed and (code := code_of(class_)) else {})
     if not dataclasses.is_dataclass(component):
         return plain | getattr(component, _GIVEN, {})
     left_out = unchanged(component) if hashed else ()
@@ -295,15 +295,15 @@ def described(component: Any, hashed: bool = False) -> dict[str, Any]:
     return plain | {name: _plain(getattr(component, name), hashed) for name in names}
 
 
-def code_of(found: type) -> str:
+def code_of(class_: type) -> str:
     """Return the digest of the code of a class of one's own; "" for a built-in class.
 
     It is a new one each time if the class is not from a file and its code cannot be described.
     """
-    if found.__module__.startswith("desim_uav."):
+    if class_.__module__.startswith("desim_uav."):
         return ""
     try:
-        return digest_of(found.__module__) or class_digest(found)
+        return digest_of(class_.__module__) or class_digest(class_)
     except UndescribedError:
         return uuid4().hex
 
@@ -348,8 +348,8 @@ def _default(owner: Any, name: str) -> Any:
     """Return the default of a key of a section or a dataclass."""
     if dataclasses.is_dataclass(owner):
         field = next(each for each in dataclasses.fields(owner) if each.name == name)
-        made = field.default_factory
-        return field.default if made is dataclasses.MISSING else made()
+        factory = field.default_factory
+        return field.default if factory is dataclasses.MISSING else factory()
     return owner.model_fields[name].get_default(call_default_factory=True)
 
 
@@ -372,39 +372,39 @@ def errors(problems: list[tuple[KeyPath, str, Any]]) -> PydanticError:
     return PydanticError.from_exception_data("component", details)
 
 
-def _validated(found: type, given: dict[str, Any], base: Path | None) -> Any:
+def _validated(class_: type, arguments: dict[str, Any], base: Path | None) -> Any:
     """Return an instance of a dataclass; its file names are relative to ``base``."""
     try:
-        files = _file_parameters(found)
+        files = _file_parameters(class_)
         for name in files:
-            if isinstance(given.get(name), str):
-                given[name] = os.path.abspath((base or Path()) / given[name])  # noqa: PTH100
-        return strictly(found, given, {"base": base})
+            if isinstance(arguments.get(name), str):
+                arguments[name] = os.path.abspath((base or Path()) / arguments[name])  # noqa: PTH100
+        return strictly(class_, arguments, {"base": base})
     except PydanticError as error:
         causes = [e["ctx"]["error"] for e in error.errors() if not e["loc"] and "ctx" in e]
         if causes and len(files) == 1:
-            raise _error_at(files[0], str(causes[0]), given.get(files[0])) from error
+            raise _error_at(files[0], str(causes[0]), arguments.get(files[0])) from error
         raise
     except FAULTS as error:
         raise _error(f"cannot be made: {what_failed(error)}") from error
 
 
-def _called(found: type, given: dict[str, Any]) -> Any:
+def _called(class_: type, arguments: dict[str, Any]) -> Any:
     """Return an instance of a user's class that is not a dataclass."""
     try:
-        component = found(**given)
+        component = class_(**arguments)
     except FAULTS as error:
         raise _error(f"cannot be made: {what_failed(error)}") from error
     try:
-        object.__setattr__(component, _GIVEN, given)
+        object.__setattr__(component, _GIVEN, arguments)
     except AttributeError as error:
-        raise _error(f"{found.__name__} must be a dataclass, or have no __slots__") from error
+        raise _error(f"{class_.__name__} must be a dataclass, or have no __slots__") from error
     return component
 
 
-def _refuse_huge(given: Mapping[str, Any]) -> None:
+def _refuse_huge(arguments: Mapping[str, Any]) -> None:
     problems = []
-    pending: list[tuple[KeyPath, Any]] = [((), given)]
+    pending: list[tuple[KeyPath, Any]] = [((), arguments)]
     while pending:
         path, value = pending.pop()
         if isinstance(value, Mapping):
@@ -426,14 +426,14 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def _parts(found: type) -> dict[str, Any]:
+def _parts(class_: type) -> dict[str, Any]:
     """Return the defaults of those fields of a dataclass that are components themselves."""
-    hints = typing.get_type_hints(found, include_extras=True)
+    hints = typing.get_type_hints(class_, include_extras=True)
     return {
         field.name: field.default_factory()
-        for field in dataclasses.fields(found)
+        for field in dataclasses.fields(class_)
         if field.default_factory is not dataclasses.MISSING
-        and any(isinstance(mark, registry.Part) for mark in _marks(hints[field.name]))
+        and any(isinstance(mark, registry.ComponentField) for mark in _marks(hints[field.name]))
     }
 
 
@@ -441,28 +441,28 @@ def _marks(hint: Any) -> tuple[Any, ...]:
     return getattr(hint, "__metadata__", ())
 
 
-def _parameters(found: type) -> list[str]:
-    if dataclasses.is_dataclass(found):
-        return [f.name for f in dataclasses.fields(found) if f.init]
-    return [name for name in inspect.signature(found).parameters if name not in ("args", "kwargs")]
+def _parameters(class_: type) -> list[str]:
+    if dataclasses.is_dataclass(class_):
+        return [f.name for f in dataclasses.fields(class_) if f.init]
+    return [name for name in inspect.signature(class_).parameters if name not in ("args", "kwargs")]
 
 
 @cache
-def _file_parameters(found: type) -> tuple[str, ...]:
-    if not dataclasses.is_dataclass(found):
+def _file_parameters(class_: type) -> tuple[str, ...]:
+    if not dataclasses.is_dataclass(class_):
         return ()
-    hints = typing.get_type_hints(found)
+    hints = typing.get_type_hints(class_)
     paths: tuple[Any, ...] = (Path, Path | None)
-    return tuple(f.name for f in dataclasses.fields(found) if f.init and hints[f.name] in paths)
+    return tuple(f.name for f in dataclasses.fields(class_) if f.init and hints[f.name] in paths)
 
 
-def _answering(found: type) -> Iterator[str]:
+def _answering(class_: type) -> Iterator[str]:
     """Yield the methods of a user's own class that return something where nothing is read."""
-    for name, method in vars(found).items():
-        if isinstance(method, FunctionType) and not found.__module__.startswith("desim_uav."):
-            base = next((vars(of)[name] for of in found.__mro__[1:] if name in vars(of)), None)
-            told = getattr(base, "__annotations__", {}).get("return", "")
-            if told in (None, "None") and returns_a_value(method):
+    for name, method in vars(class_).items():
+        if isinstance(method, FunctionType) and not class_.__module__.startswith("desim_uav."):
+            base = next((vars(of)[name] for of in class_.__mro__[1:] if name in vars(of)), None)
+            annotation = getattr(base, "__annotations__", {}).get("return", "")
+            if annotation in (None, "None") and returns_a_value(method):
                 yield name
 
 
@@ -486,10 +486,10 @@ def _is_interface(protocol: Any) -> bool:
     return all(getattr(one, "_is_protocol", False) for one in _alternatives(protocol))
 
 
-def _lacks(found: Any, protocol: Any) -> list[str]:
+def _lacks(class_: Any, protocol: Any) -> list[str]:
     """Return the methods that are missing for a Protocol, or for the first of a union of them."""
     missing = [
-        [name for name in _methods(one) if not hasattr(found, name)]
+        [name for name in _methods(one) if not hasattr(class_, name)]
         for one in _alternatives(protocol)
     ]
     return missing[0] if all(missing) else []
@@ -506,8 +506,8 @@ def _methods(protocol: type) -> list[str]:
 
 def _attributes(protocol: Any) -> list[str]:
     """Return the attributes that a Protocol, or each of a union of them, asks for."""
-    asked = [inspect.get_annotations(one) for one in _alternatives(protocol)]
-    return [name for name in asked[0] if all(name in other for other in asked)]
+    annotations = [inspect.get_annotations(one) for one in _alternatives(protocol)]
+    return [name for name in annotations[0] if all(name in other for other in annotations)]
 
 
 def _error(message: str) -> PydanticCustomError:

@@ -37,7 +37,7 @@ SEARCH = 10.0
 again for each drone or access point that interferes."""
 
 
-class Part(NamedTuple):
+class CostPart(NamedTuple):
     """A part of a cost: what it is of, how much, and the keys that cause it."""
 
     what: str
@@ -49,8 +49,8 @@ class Part(NamedTuple):
 class Cost:
     """The cost of an episode, in parts: events, and bytes of memory."""
 
-    events: tuple[Part, ...]
-    memory: tuple[Part, ...]
+    events: tuple[CostPart, ...]
+    memory: tuple[CostPart, ...]
 
     @property
     def event_count(self) -> float:
@@ -85,9 +85,9 @@ def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> 
     """Foresee an episode on an engine, des or batch; ``keep_events``: with its event log."""
     n = _counts(scenario)
     logged = (
-        Part("commands and steps of drones", 3.0 * n.drones * n.epochs, _STEPS),
-        Part("requests that begin, are served and end", 4.0 * n.requests, _REQUESTS),
-        Part(
+        CostPart("commands and steps of drones", 3.0 * n.drones * n.epochs, _STEPS),
+        CostPart("requests that begin, are served and end", 4.0 * n.requests, _REQUESTS),
+        CostPart(
             "users who enter or leave a footprint",
             n.crossings,
             ("users.count", "drones.count", "episode.steps", "episode.step_s"),
@@ -95,18 +95,18 @@ def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> 
     )
     events = (
         *logged,
-        *([Part("searches for changes of links", n.searches, _LINKS)] if n.searches else []),
-        Part("legs of users", n.legs, _WALKS),
-        Part("draws of requests", n.draws, _REQUESTS),
+        *([CostPart("searches for changes of links", n.searches, _LINKS)] if n.searches else []),
+        CostPart("legs of users", n.legs, _WALKS),
+        CostPart("draws of requests", n.draws, _REQUESTS),
     )
     memory = (
-        Part("the map", 80.0 * n.cells + 12.0 * n.places, _LEVELS),
-        Part("users", 400.0 * n.users, ("users.count",)),
-        Part("the walks of users", 210.0 * n.legs, _WALKS),
-        Part("requests", 32.0 * max(16.0 * n.users, n.draws) + 600.0 * n.requests, _REQUESTS),
-        Part("the log of steps", 900.0 * n.drones * n.epochs, _STEPS),
-        *([Part("links", 250.0 * n.users * n.senders, _LINKS)] if n.searches else []),
-        Part("what drones observe", 60.0 * n.features, ("observation", "drones.count")),
+        CostPart("the map", 80.0 * n.cells + 12.0 * n.places, _LEVELS),
+        CostPart("users", 400.0 * n.users, ("users.count",)),
+        CostPart("the walks of users", 210.0 * n.legs, _WALKS),
+        CostPart("requests", 32.0 * max(16.0 * n.users, n.draws) + 600.0 * n.requests, _REQUESTS),
+        CostPart("the log of steps", 900.0 * n.drones * n.epochs, _STEPS),
+        *([CostPart("links", 250.0 * n.users * n.senders, _LINKS)] if n.searches else []),
+        CostPart("what drones observe", 60.0 * n.features, ("observation", "drones.count")),
         *(_of_batch(scenario, n) if engine == "batch" else _of_des(n)),
         *_pairs(scenario, n),
         *([_event_log(logged, n)] if keep_events else []),
@@ -121,7 +121,7 @@ def check_cost(scenario: Scenario, engine: str | None = None, keep_events: bool 
     """
     engines = (engine,) if engine else ("des", "batch")
     costs = (cost(scenario, name, keep_events) for name in engines)
-    least = min(costs, key=lambda found: found.memory_bytes)
+    least = min(costs, key=lambda cost: cost.memory_bytes)
     there = available_bytes()
     problems = []
     if least.event_count > MOST_EVENTS:
@@ -184,28 +184,28 @@ def _counts(scenario: Scenario) -> _Counts:
     )
 
 
-def _of_des(n: _Counts) -> Iterable[Part]:
+def _of_des(n: _Counts) -> Iterable[CostPart]:
     """The SimPy engine: objects of Python's for users, drones and what is due."""
-    yield Part("users in the engine", 700.0 * n.users, ("users.count",))
-    yield Part("drones in the engine", 6000.0 * n.drones, ("drones.count",))
+    yield CostPart("users in the engine", 700.0 * n.users, ("users.count",))
+    yield CostPart("drones in the engine", 6000.0 * n.drones, ("drones.count",))
 
 
-def _of_batch(scenario: Scenario, n: _Counts) -> Iterable[Part]:
+def _of_batch(scenario: Scenario, n: _Counts) -> Iterable[CostPart]:
     """The compiled engine: tables of users by drones, and the ways back from every place."""
-    yield Part("users in footprints", 8.0 * n.users * (10.0 * n.drones + 110.0), _PAIRS)
-    yield Part("commands so far", 16.0 * n.drones * n.epochs, _STEPS)
+    yield CostPart("users in footprints", 8.0 * n.users * (10.0 * n.drones + 110.0), _PAIRS)
+    yield CostPart("commands so far", 16.0 * n.drones * n.epochs, _STEPS)
     if ways := _ways_back(scenario):
         nx, ny = scenario.map.cells
         hops = (nx + ny) / (2.0 * math.sqrt(scenario.stations.count)) + n.places / n.cells / 2.0
         size = n.places * (80.0 + 72.0 * hops)
-        yield Part("ways back to the stations", ways * size, _LEVELS)
+        yield CostPart("ways back to the stations", ways * size, _LEVELS)
 
 
-def _pairs(scenario: Scenario, n: _Counts) -> Iterable[Part]:
+def _pairs(scenario: Scenario, n: _Counts) -> Iterable[CostPart]:
     """The pairs of drones, if these have to keep a distance."""
     if scenario.separation_m is not None:
         keys = ("separation_m", "drones.count")
-        yield Part("pairs of drones", 700.0 * n.drones * n.drones / 2.0, keys)
+        yield CostPart("pairs of drones", 700.0 * n.drones * n.drones / 2.0, keys)
 
 
 def _ways_back(scenario: Scenario) -> int:
@@ -213,19 +213,19 @@ def _ways_back(scenario: Scenario) -> int:
 
     Drones that fly freely look for their ways while they fly.
     """
-    found: list[tuple[object, object]] = []
+    fleets: list[tuple[object, object]] = []
     for drones in scenario.fleet:
         flown = drones.motion, drones.battery
-        if drones.battery is not None and not flies_freely(drones) and flown not in found:
-            found.append(flown)
-    return len(found)
+        if drones.battery is not None and not flies_freely(drones) and flown not in fleets:
+            fleets.append(flown)
+    return len(fleets)
 
 
-def _event_log(logged: Sequence[Part], n: _Counts) -> Part:
+def _event_log(logged: Sequence[CostPart], n: _Counts) -> CostPart:
     """The rows of the event log and the flights of drones, while they are put into tables."""
     rows = math.fsum(part.amount for part in logged)
     keys = tuple(dict.fromkeys(key for part in logged for key in part.keys))
-    return Part("the event log that is kept", 330.0 * rows + 700.0 * n.drones * n.epochs, keys)
+    return CostPart("the event log that is kept", 330.0 * rows + 700.0 * n.drones * n.epochs, keys)
 
 
 def _required_s(scenario: Scenario, most_bps: int) -> float:
@@ -311,11 +311,11 @@ def _features(scenario: Scenario) -> int:
     return int(features_of(scenario.drone_count, len(scenario.services)))
 
 
-def _named(parts: Iterable[Part], shown: Callable[[float], str]) -> str:
+def _named(parts: Iterable[CostPart], text_of: Callable[[float], str]) -> str:
     """The parts that make up most of a cost, the largest first, with their keys."""
     largest = sorted(parts, key=lambda part: -part.amount)
     most = [part for part in largest if part.amount > 0.1 * math.fsum(p.amount for p in largest)]
-    return "; ".join(f"{shown(p.amount)} for {p.what} ({', '.join(p.keys)})" for p in most)
+    return "; ".join(f"{text_of(p.amount)} for {p.what} ({', '.join(p.keys)})" for p in most)
 
 
 def _in_numbers(amount: float) -> str:

@@ -110,10 +110,10 @@ def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
 def places_are_in_metres(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about positions and zones that look like longitudes and latitudes."""
     area = Area(*scenario.map.size_m)
-    given = {"users.positions_m": scenario.users.positions_m or ()}
+    positions = {"users.positions_m": scenario.users.positions_m or ()}
     for number, zone in enumerate(scenario.map.no_fly):
-        given[f"map.no_fly.{number}.polygon_m"] = zone.polygon_m
-    for key, places_m in given.items():
+        positions[f"map.no_fly.{number}.polygon_m"] = zone.polygon_m
+    for key, places_m in positions.items():
         if not places_m:
             continue
         extent = extent_of(np.array(places_m))
@@ -140,17 +140,17 @@ def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about requests for more than the bandwidth of any drone."""
     most_bps = scenario.most_bps or math.inf
     demand: Any = scenario.demand
-    asked: Mapping[str, float] = {
+    bps_of: Mapping[str, float] = {
         name: largest_bps(service) for name, service in scenario.services.items()
     }
     mix = getattr(demand, "mix", None)
     key = "services.{}"
     if isinstance(demand, RequestTrace):
-        asked = {name: 1000.0 * kbps for name, kbps in demand.largest_kbps().items()}
+        bps_of = {name: 1000.0 * kbps for name, kbps in demand.largest_kbps().items()}
         key = f"demand: {demand.file}: {{}}"
     elif isinstance(mix, Mapping):
-        asked = {name: bps for name, bps in asked.items() if mix.get(name, 0.0) > 0.0}
-    for name, bps in asked.items():
+        bps_of = {name: bps for name, bps in bps_of.items() if mix.get(name, 0.0) > 0.0}
+    for name, bps in bps_of.items():
         if bps > most_bps:
             yield (
                 f"{key.format(name)}: requests for {bps / 1000:g} kbit/s are never served, because "

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from desim_uav.errors import ScenarioError, UsageError, printable
 from desim_uav.scenario import yaml12
-from desim_uav.scenario.yaml12 import KeyPath, Mark, shortened, unprintable_in
+from desim_uav.scenario.yaml12 import KeyPath, TextMark, shortened, unprintable_in
 
 MAX_PROBLEMS = 100
 
@@ -27,7 +27,7 @@ class Origin(NamedTuple):
 
 
 @dataclass
-class Draft:
+class ScenarioDraft:
     """The plain data of a scenario before validation, and the problems found in it.
 
     ``dropped``: the paths of values that were removed; their defaults take their place.
@@ -37,12 +37,12 @@ class Draft:
 
     source: str
     data: Any
-    keys: dict[KeyPath, Mark] = field(default_factory=dict)
-    values: dict[KeyPath, Mark] = field(default_factory=dict)
+    keys: dict[KeyPath, TextMark] = field(default_factory=dict)
+    values: dict[KeyPath, TextMark] = field(default_factory=dict)
     origins: dict[KeyPath, Origin] = field(default_factory=dict)
     dropped: list[KeyPath] = field(default_factory=list)
     doubtful: list[KeyPath] = field(default_factory=list)
-    _problems: dict[str, tuple[int, Mark]] = field(default_factory=dict)
+    _problems: dict[str, tuple[int, TextMark]] = field(default_factory=dict)
 
     @property
     def problems(self) -> list[str]:
@@ -56,7 +56,7 @@ class Draft:
         """Whether there are so many problems that the search for more ends."""
         return len(self._problems) >= MAX_PROBLEMS
 
-    def at_mark(self, mark: Mark, message: str) -> None:
+    def at_mark(self, mark: TextMark, message: str) -> None:
         """Note a problem at a line and column of the file."""
         self._note(f"{self.source}:{mark[0]}:{mark[1]}: {message}", (0, mark))
 
@@ -72,8 +72,8 @@ class Draft:
         If no value was given at ``path``, the problem is reported at the first path of ``also``
         that has one. A problem of several values is that of the override which set one of them.
         """
-        given = [p for p in (path, *also) if self.has(p)]
-        where = next((p for p in given if self._origin(p)), given[0] if given else path)
+        present = [p for p in (path, *also) if self.has(p)]
+        where = next((p for p in present if self._origin(p)), present[0] if present else path)
         subject = ".".join(shortened(str(part)) for part in path)
         if self.has(path) and not key:
             subject += f": {shown(self.get(path))}"
@@ -135,8 +135,8 @@ class Draft:
             return
         container[path[-1]] = document.data
         beneath = [p for p in self.origins if p[: len(path)] == path]
-        for known in beneath:
-            del self.origins[known]
+        for key in beneath:
+            del self.origins[key]
         self.origins[path] = Origin(number, text, path)
         self.doubtful = [p for p in self.doubtful if not _related(p, path)]
 
@@ -158,16 +158,16 @@ class Draft:
             container = below
         return container, reached
 
-    def _note(self, line: str, order: tuple[int, Mark]) -> None:
+    def _note(self, line: str, order: tuple[int, TextMark]) -> None:
         self._problems.setdefault(printable(line), order)
 
     def _find(self, path: KeyPath) -> tuple[Any, bool]:
         value = self.data
         for part in path:
-            held = part in value if isinstance(value, dict) else False
+            has_part = part in value if isinstance(value, dict) else False
             if isinstance(value, list) and isinstance(part, int):
-                held = part < len(value)
-            if not held:
+                has_part = part < len(value)
+            if not has_part:
                 return None, False
             value = value[part]
         return value, True
@@ -178,7 +178,7 @@ class Draft:
         beneath = (one for p, one in self.origins.items() if path and p[: len(path)] == path)
         return next(above, None) or next(beneath, None)
 
-    def _mark(self, path: KeyPath, key: bool) -> Mark | None:
+    def _mark(self, path: KeyPath, key: bool) -> TextMark | None:
         if key and path in self.keys:
             return self.keys[path]
         return next((self.values[p] for p in _upwards(path) if p in self.values), None)

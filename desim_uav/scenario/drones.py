@@ -65,7 +65,7 @@ class Drones(Section):
         return self
 
 
-class DroneType(Drones):
+class NamedDrones(Drones):
     """A type of drones, if there are several of them: its name, and the keys of `drones`."""
 
     name: Name
@@ -78,7 +78,7 @@ def flies_freely(drones: Drones) -> bool:
     return isinstance(motion, BangCoastBang) and motion.space == "free"
 
 
-Types = Annotated[tuple[DroneType, ...], Field(min_length=1, max_length=MOST_TYPES)]
+Types = Annotated[tuple[NamedDrones, ...], Field(min_length=1, max_length=MOST_TYPES)]
 
 
 def as_fleet(value: Any, info: ValidationInfo) -> Any:
@@ -89,7 +89,7 @@ def as_fleet(value: Any, info: ValidationInfo) -> Any:
         return strictly(Drones, dict(value), info.context)
     if not isinstance(value, list):
         raise ValueError("must be a mapping, or a list of mappings, one for each type of drones")
-    types: tuple[DroneType, ...] = strictly(cast(type, Types), value, info.context)
+    types: tuple[NamedDrones, ...] = strictly(cast(type, Types), value, info.context)
     problems: list[tuple[KeyPath, str, object]] = []
     first: dict[str, int] = {}
     for number, one in enumerate(types):

@@ -23,11 +23,11 @@ def most_epochs(scenario: Scenario) -> int:
     """
     if not scenario.decisions.by_event:
         return scenario.episode.steps
-    horizon_s, asked = scenario.episode.steps * scenario.episode.step_s, 1
+    horizon_s, epochs = scenario.episode.steps * scenario.episode.step_s, 1
     for drones in scenario.fleet:
         legs = int(horizon_s / min(shortest_leg_s(scenario, drones), horizon_s)) + 1
-        asked += 2 * drones.count * legs
-    return asked
+        epochs += 2 * drones.count * legs
+    return epochs
 
 
 def shortest_leg_s(scenario: Scenario, drones: Drones) -> float:

@@ -27,15 +27,15 @@ def start_cells(scenario: Scenario) -> list[Cell]:
     count = scenario.drone_count
     stations = station_cells(scenario)
     if not stations:
-        found = _on_circle(scenario, count)
+        cells = _on_circle(scenario, count)
     else:
-        found = [stations[drone % len(stations)] for drone in range(count)]
+        cells = [stations[drone % len(stations)] for drone in range(count)]
     first = 0
     for drones in scenario.fleet:
         if drones.start_cells is not None:
-            found[first : first + drones.count] = drones.start_cells
+            cells[first : first + drones.count] = drones.start_cells
         first += drones.count
-    return found
+    return cells
 
 
 def _on_circle(scenario: Scenario, count: int) -> list[Cell]:

@@ -24,7 +24,7 @@ from desim_uav.rowcode.regular_file import content_of
 from desim_uav.scenario import yaml12
 from desim_uav.scenario.checks import findings
 from desim_uav.scenario.components import code_of, described, strictly, unchanged
-from desim_uav.scenario.draft import MAX_PROBLEMS, Draft, override_path, plain_copy
+from desim_uav.scenario.draft import MAX_PROBLEMS, ScenarioDraft, override_path, plain_copy
 from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.preset import paper_preset
 from desim_uav.scenario.schema import Scenario
@@ -90,7 +90,7 @@ def loads(
     if len(text) > MAX_BYTES:
         raise ScenarioError(f"{source}: the text is larger than {MAX_BYTES >> 20} MiB")
     document = yaml12.read(text)
-    draft = Draft(source, document.data, document.keys, document.values)
+    draft = ScenarioDraft(source, document.data, document.keys, document.values)
     draft.doubtful += document.left_out
     for mark, message in document.problems:
         draft.at_mark(mark, message)
@@ -123,7 +123,7 @@ def from_mapping(
         raise ScenarioError(f"{source}: {error}") from error
     if not isinstance(data, dict):
         raise ScenarioError(f"{source}: must be a mapping of keys to values")
-    return _resolved(Draft(source, data), base, overrides)
+    return _resolved(ScenarioDraft(source, data), base, overrides)
 
 
 def dump(scenario: Scenario) -> str:
@@ -195,7 +195,7 @@ def _text(path: Path) -> str:
         raise ScenarioError(f"{path}: byte {error.start} is not valid UTF-8") from error
 
 
-def _resolved(draft: Draft, base: Path | None, overrides: Sequence[str]) -> Scenario:
+def _resolved(draft: ScenarioDraft, base: Path | None, overrides: Sequence[str]) -> Scenario:
     """Validate a draft. Refused values are removed, and the rest is validated again."""
     defaults = to_plain(Scenario()) if overrides else {}
     for number, override in enumerate(overrides):
@@ -216,20 +216,20 @@ def _resolved(draft: Draft, base: Path | None, overrides: Sequence[str]) -> Scen
     return scenario
 
 
-def _validated(draft: Draft, base: Path | None) -> Scenario | None:
+def _validated(draft: ScenarioDraft, base: Path | None) -> Scenario | None:
     """Return the scenario, or None after its problems were noted and the wrong values removed."""
     data = paper_preset(draft.data) if draft.data.get("preset") == "paper" else draft.data
     try:
         scenario: Scenario = strictly(Scenario, data, {"base": base})
     except ValidationError as error:
-        found = complaints(error, draft)
+        mistakes = complaints(error, draft)
     else:
         return scenario
-    for complaint in found:
+    for complaint in mistakes:
         if not draft.depends_on_refused([complaint.path]):
             draft.at(complaint.path, complaint.message, key=complaint.at_key)
-    dropped = [draft.drop(complaint.drop) for complaint in found]
-    draft.doubtful += [c.mistaken_for for c in found if c.mistaken_for]
+    dropped = [draft.drop(complaint.drop) for complaint in mistakes]
+    draft.doubtful += [c.mistaken_for for c in mistakes if c.mistaken_for]
     if not any(dropped):
         draft.data = {}
     return None

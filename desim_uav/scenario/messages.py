@@ -9,10 +9,10 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from desim_uav.errors import did_you_mean
-from desim_uav.registry import NameOr, Part, names
+from desim_uav.registry import ComponentField, NameOr, names
 from desim_uav.scenario.components import Slot, as_field
-from desim_uav.scenario.draft import MAX_PROBLEMS, Draft
-from desim_uav.scenario.drones import Drones, DroneType
+from desim_uav.scenario.draft import MAX_PROBLEMS, ScenarioDraft
+from desim_uav.scenario.drones import Drones, NamedDrones
 from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.section import Section
@@ -33,21 +33,23 @@ class Complaint(NamedTuple):
     mistaken_for: KeyPath | None = None
 
 
-def complaints(error: ValidationError, draft: Draft) -> list[Complaint]:
+def complaints(error: ValidationError, draft: ScenarioDraft) -> list[Complaint]:
     """Return the errors of a validation, without those that follow from others."""
     details = error.errors(include_url=False)[:MAX_PROBLEMS]
-    found = [_complaint(detail, draft, details) for detail in details]
-    wrong = [c.path for c in found]
-    kept: dict[tuple[KeyPath, str], Complaint] = {}
-    for complaint, detail in zip(found, details, strict=True):
+    listing = [_complaint(detail, draft, details) for detail in details]
+    wrong = [c.path for c in listing]
+    by_path: dict[tuple[KeyPath, str], Complaint] = {}
+    for complaint, detail in zip(listing, details, strict=True):
         size = len(complaint.path)
         beneath = any(len(p) > size and p[:size] == complaint.path for p in wrong)
         if not (beneath and detail["type"] in ("too_short", "too_long")):
-            kept.setdefault((complaint.path, complaint.message), complaint)
-    return list(kept.values())
+            by_path.setdefault((complaint.path, complaint.message), complaint)
+    return list(by_path.values())
 
 
-def _complaint(detail: ErrorDetails, draft: Draft, details: list[ErrorDetails]) -> Complaint:
+def _complaint(
+    detail: ErrorDetails, draft: ScenarioDraft, details: list[ErrorDetails]
+) -> Complaint:
     kind, path = detail["type"], tuple(detail["loc"])
     if path and path[-1] == "[key]":
         return Complaint(path[:-1], _NAME, path[:-1], at_key=True)
@@ -55,11 +57,11 @@ def _complaint(detail: ErrorDetails, draft: Draft, details: list[ErrorDetails]) 
         return _unknown_key(path, draft)
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         return _missing(path, details)
-    known = _known_part(path, draft)
-    return Complaint(known, _message(detail), known)
+    part = _known_part(path, draft)
+    return Complaint(part, _message(detail), part)
 
 
-def _unknown_key(path: KeyPath, draft: Draft) -> Complaint:
+def _unknown_key(path: KeyPath, draft: ScenarioDraft) -> Complaint:
     allowed = known_keys(path[:-1], draft)
     hint = did_you_mean(str(path[-1]), allowed)
     nearest = (*path[:-1], hint.split("'")[1]) if hint else None
@@ -81,14 +83,14 @@ def _missing(path: KeyPath, details: list[ErrorDetails]) -> Complaint:
     return Complaint(path, "missing; it has no default", parent)
 
 
-def _known_part(path: KeyPath, draft: Draft) -> KeyPath:
+def _known_part(path: KeyPath, draft: ScenarioDraft) -> KeyPath:
     """Return ``path`` without the parts that Pydantic adds for the alternatives of a union."""
     while path and not draft.has(path):
         path = path[:-1]
     return path
 
 
-def _kinds_with(path: KeyPath, draft: Draft) -> list[str]:
+def _kinds_with(path: KeyPath, draft: ScenarioDraft) -> list[str]:
     """Return the kinds of a component that have the key at ``path``, unlike the one chosen."""
     owner = _owner_at(path[:-1], draft)
     if not isinstance(owner, Slot):
@@ -96,7 +98,7 @@ def _kinds_with(path: KeyPath, draft: Draft) -> list[str]:
     return [kind for kind in names(owner.name) if path[-1] in owner.parameter_names(kind)]
 
 
-def known_keys(path: KeyPath, draft: Draft) -> list[str]:
+def known_keys(path: KeyPath, draft: ScenarioDraft) -> list[str]:
     """Return the keys that the mapping at ``path`` may have."""
     owner = _owner_at(path, draft)
     if isinstance(owner, Slot):
@@ -106,7 +108,7 @@ def known_keys(path: KeyPath, draft: Draft) -> list[str]:
     return list(owner.model_fields) if _is_section(owner) else []
 
 
-def _owner_at(path: KeyPath, draft: Draft) -> Any:
+def _owner_at(path: KeyPath, draft: ScenarioDraft) -> Any:
     """Return what determines the keys at ``path``: a section, a slot or a named tuple, or None."""
     owner: Any = Scenario
     for depth, part in enumerate(path):
@@ -115,36 +117,36 @@ def _owner_at(path: KeyPath, draft: Draft) -> Any:
     return owner[""] if isinstance(owner, dict) else owner
 
 
-def _below(owner: Any, key: str, holder: Any, given: Any) -> Any:
+def _below(owner: Any, key: str, holder: Any, value: Any) -> Any:
     """Return what determines the keys below a key of an owner, or None if it has none."""
     if isinstance(owner, dict):
         return owner[""]
     if isinstance(owner, Slot):
-        return _owner(list(_parts(owner.annotation(_kind(holder), key))), given)
+        return _owner(list(_parts(owner.annotation(_kind(holder), key))), value)
     if not _is_section(owner) or key not in owner.model_fields:
         return None
     field = owner.model_fields[key]
-    return _owner(list(_parts(field.annotation)) + list(field.metadata), given)
+    return _owner(list(_parts(field.annotation)) + list(field.metadata), value)
 
 
-def _owner(parts: list[Any], given: Any) -> Any:
+def _owner(parts: list[Any], value: Any) -> Any:
     """Return what determines the keys below a field: a section, a slot, or {"": slot} for many."""
     slots = [part for part in parts if isinstance(part, Slot)]
     if slots:
         return {"": slots[0]} if dict in parts else slots[0]
     sections = [part for part in parts if _is_section(part)]
     if ListedObstacles in sections:
-        listed = isinstance(given, Mapping) and "cells" in given
+        listed = isinstance(value, Mapping) and "cells" in value
         return ListedObstacles if listed else DrawnObstacles
-    if DroneType in sections:
-        return DroneType if isinstance(given, list) else Drones
+    if NamedDrones in sections:
+        return NamedDrones if isinstance(value, list) else Drones
     return next((part for part in parts if _is_section(part) or _is_named_tuple(part)), None)
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
     yield annotation
     yield getattr(annotation, "__origin__", None)
-    if isinstance(annotation, Part):
+    if isinstance(annotation, ComponentField):
         yield as_field(annotation)
     if isinstance(annotation, NameOr):
         yield from _parts(annotation.form)
@@ -152,9 +154,9 @@ def _parts(annotation: Any) -> Iterator[Any]:
         yield from _parts(part)
 
 
-def _kind(given: Any) -> Any:
+def _kind(value: Any) -> Any:
     """Return the kind that a component is given, or None."""
-    return given.get("kind") if isinstance(given, Mapping) else None
+    return value.get("kind") if isinstance(value, Mapping) else None
 
 
 def _is_named_tuple(owner: Any) -> bool:
@@ -172,11 +174,11 @@ _NAME = (
 Words = Callable[[Mapping[str, Any], Any], str]
 _WORDS: dict[str, Words] = {
     "bool_type": lambda ctx, _: "must be true or false",
-    "int_type": lambda ctx, given: _number("a whole number", given),
+    "int_type": lambda ctx, value: _number("a whole number", value),
     "int_from_float": lambda ctx, _: "must be a whole number",
-    "float_type": lambda ctx, given: _number("a number", given),
-    "finite_number": lambda ctx, given: _number("a finite number", given),
-    "string_type": lambda ctx, given: _text(given),
+    "float_type": lambda ctx, value: _number("a number", value),
+    "finite_number": lambda ctx, value: _number("a finite number", value),
+    "string_type": lambda ctx, value: _text(value),
     "path_type": lambda ctx, _: "must be the name of a file",
     "string_pattern_mismatch": lambda ctx, _: _NAME,
     "tuple_type": lambda ctx, _: "must be a list",
@@ -191,7 +193,7 @@ _WORDS: dict[str, Words] = {
     "too_short": lambda ctx, _: _items("at least", ctx["min_length"]),
     "too_long": lambda ctx, _: _items("at most", ctx["max_length"]),
     "value_error": lambda ctx, _: str(ctx["error"]),
-    "literal_error": lambda ctx, given: _literal(ctx["expected"], given),
+    "literal_error": lambda ctx, value: _literal(ctx["expected"], value),
 }
 
 
@@ -200,19 +202,19 @@ def _message(detail: ErrorDetails) -> str:
     return words(detail.get("ctx", {}), detail["input"]) if words else detail["msg"]
 
 
-def _number(what: str, given: Any) -> str:
-    if isinstance(given, int) and not isinstance(given, bool):
+def _number(what: str, value: Any) -> str:
+    if isinstance(value, int) and not isinstance(value, bool):
         return "is too large"
     return f"must be {what}"
 
 
-def _text(given: Any) -> str:
-    return "must be text" + ("" if isinstance(given, list | dict) else "; put it in quotes")
+def _text(value: Any) -> str:
+    return "must be text" + ("" if isinstance(value, list | dict) else "; put it in quotes")
 
 
-def _literal(expected: str, given: Any) -> str:
+def _literal(expected: str, value: Any) -> str:
     options = [option.strip("'") for option in expected.replace(" or ", ", ").split(", ")]
-    hint = did_you_mean(given, options) if isinstance(given, str) else ""
+    hint = did_you_mean(value, options) if isinstance(value, str) else ""
     return f"must be {' or '.join(options)}{hint}"
 
 

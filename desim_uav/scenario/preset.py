@@ -10,17 +10,17 @@ from desim_uav.scenario.learning import PAPER_LEARNING
 from desim_uav.scenario.slots import BATTERY, DEMAND, REWARD
 
 
-def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The paper's code as defaults beneath the keys of a file: ``given`` with them filled in."""
-    filled = dict(given)
-    drones = given.get("drones", {})
+def paper_preset(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """The paper's code as defaults beneath the keys of a file: ``mapping`` with them filled in."""
+    filled = dict(mapping)
+    drones = mapping.get("drones", {})
     if isinstance(drones, Mapping):
         filled["drones"] = _paper_drones(drones)
     elif isinstance(drones, list):
         filled["drones"] = [_paper_drones(d) if isinstance(d, Mapping) else d for d in drones]
     filled = _with_default(filled, "demand", DEMAND, "none", 0.1)
     filled = _with_default(filled, "reward", REWARD, "cost_sign", 1.0)
-    learning = given.get("learning", {})
+    learning = mapping.get("learning", {})
     if isinstance(learning, Mapping):
         filled["learning"] = PAPER_LEARNING | dict(learning)
         for key in ("alpha", "epsilon"):
@@ -29,18 +29,18 @@ def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
     return filled
 
 
-def _paper_drones(given: Mapping[str, Any]) -> dict[str, Any]:
+def _paper_drones(mapping: Mapping[str, Any]) -> dict[str, Any]:
     """Drones, or a type of them, with the default of the paper's code."""
-    return _with_default(given, "battery", BATTERY, "respawn_after_min", 0.0)
+    return _with_default(mapping, "battery", BATTERY, "respawn_after_min", 0.0)
 
 
 def _with_default(
-    given: Mapping[str, Any], key: str, slot: Slot, parameter: str, value: float
+    mapping: Mapping[str, Any], key: str, slot: Slot, parameter: str, value: float
 ) -> dict[str, Any]:
-    """``given`` with a parameter of the component at ``key``, where its kind has one to give."""
-    component = given.get(key, {})
+    """``mapping`` with a parameter of the component at ``key``, where its kind has one to give."""
+    component = mapping.get(key, {})
     if not isinstance(component, Mapping):
-        return dict(given)
+        return dict(mapping)
     if parameter not in slot.parameter_names(component.get("kind")):
-        return dict(given)
-    return {**given, key: {parameter: value, **component}}
+        return dict(mapping)
+    return {**mapping, key: {parameter: value, **component}}

@@ -36,7 +36,7 @@ class Sender(NamedTuple):
     name: str
 
 
-class Links(NamedTuple):
+class RadioLinks(NamedTuple):
     """A radio with classes and its key; the lowest and the highest place of its antenna."""
 
     path: KeyPath
@@ -118,7 +118,7 @@ def bands_are_shared_by_all(scenario: Scenario) -> Iterator[Finding]:
         if radio.reuse != drones.reuse:
             yield Finding(
                 (*path, "interference"),
-                f"must be as {owner}, {_shown(drones.interference)}: "
+                f"must be as {owner}, {_text_of(drones.interference)}: "
                 "interference is the same for all",
                 ((*first_path, "interference"),),
             )
@@ -177,7 +177,7 @@ def losses_can_be_used(scenario: Scenario) -> Iterator[Finding]:
             yield Finding((*links.path, "path_loss"), problem, also)
 
 
-def _problem_of_loss(scenario: Scenario, links: Links) -> str:
+def _problem_of_loss(scenario: Scenario, links: RadioLinks) -> str:
     """Return why a path loss cannot be used; one of one's own must keep its bounds, too."""
     lowest_m = links.lowest_m - _tallest_user_m(scenario)
     if lowest_m <= 0.0:
@@ -207,7 +207,7 @@ def losses_without_bounds(scenario: Scenario) -> Iterator[tuple[str, str]]:
                 yield ".".join(map(str, (*links.path, "path_loss"))), " and ".join(reasons)
 
 
-def searches(scenario: Scenario, links: Links) -> list[str]:
+def searches(scenario: Scenario, links: RadioLinks) -> list[str]:
     """Return why changes of the classes of links are searched for, if they are."""
     reasons = {
         "drones climb (map.dimensions: 3, map.obstacles)": links.highest_m > links.lowest_m,
@@ -294,17 +294,17 @@ def _senders(scenario: Scenario) -> Iterator[Sender]:
         yield Sender(("access_points", index, "radio"), point.radio, "")
 
 
-def _links(scenario: Scenario) -> Iterator[Links]:
+def _links(scenario: Scenario) -> Iterator[RadioLinks]:
     """The radios with classes: those of drones, and those of access points."""
     lowest_m, highest_m = _levels_m(scenario)
     for path, radio, _ in _of_drones(scenario):
         if isinstance(radio, LinkClasses):
-            yield Links(path, radio, lowest_m, highest_m, LOWEST)
+            yield RadioLinks(path, radio, lowest_m, highest_m, LOWEST)
     for index, point in enumerate(scenario.access_points):
         if isinstance(point.radio, LinkClasses):
             own: KeyPath = ("access_points", index)
             height_m, key = point.height_m, (*own, "height_m")
-            yield Links((*own, "radio"), point.radio, height_m, height_m, key)
+            yield RadioLinks((*own, "radio"), point.radio, height_m, height_m, key)
 
 
 def _levels_m(scenario: Scenario) -> tuple[float, float]:
@@ -349,7 +349,7 @@ def _kind(component: Any) -> str:
     return str(getattr(component, "kind", type(component).__name__))
 
 
-def _shown(interference: Any) -> str:
+def _text_of(interference: Any) -> str:
     return interference if isinstance(interference, str) else f"{{reuse: {interference.reuse}}}"
 
 

@@ -134,7 +134,7 @@ class PositionNoise(Section):
     """The standard deviation of the error, in cells."""
 
 
-class Episode(Section):
+class EpisodeKeys(Section):
     """How long an episode is; ``carry_over``: drones begin it as they ended the one before."""
 
     steps: Annotated[int, Field(ge=1, le=1_000_000)] = 30
@@ -210,7 +210,7 @@ class Scenario(Section):
     decisions: Annotated[Decisions, DECISIONS] = cast(Decisions, ByClock())
     """When drones are asked what to do next: `clock`, at each step, or `event`, when each is free.
     """
-    episode: Episode = Episode()
+    episode: EpisodeKeys = EpisodeKeys()
     """The length of an episode, and how the next one begins."""
     reward: Annotated[Reward, REWARD] = MultiService()
     """What a drone is rewarded for at the end of each step."""
@@ -323,9 +323,9 @@ class Scenario(Section):
         They do if all types of drones fly freely, or all from cell to cell.
         """
         if self.mixed:
-            named = list(zip(self.type_names, self.fleet, strict=True))
-            free = ", ".join(name for name, drones in named if flies_freely(drones))
-            cells = ", ".join(name for name, drones in named if not flies_freely(drones))
+            types = list(zip(self.type_names, self.fleet, strict=True))
+            free = ", ".join(name for name, drones in types if flies_freely(drones))
+            cells = ", ".join(name for name, drones in types if not flies_freely(drones))
             raise ScenarioError(
                 f"drones: the types {free} fly freely (motion: space: free) and the types {cells} "
                 f"from cell to cell; {what} needs drones of one of the two kinds"

@@ -36,6 +36,6 @@ class Section(BaseModel):
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """Return the JSON schema, in which each key has its description."""
-        made = handler(schema)
-        with_meanings(handler.resolve_ref_schema(made), cls)
-        return made
+        description = handler(schema)
+        with_meanings(handler.resolve_ref_schema(description), cls)
+        return description

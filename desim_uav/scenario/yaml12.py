@@ -17,7 +17,7 @@ import yaml
 KeyPath = tuple[str | int, ...]
 """The path of a value: keys of mappings and indices of lists."""
 
-Mark = tuple[int, int]
+TextMark = tuple[int, int]
 """Line and column, both counted from 1."""
 
 MAX_DEPTH = 50
@@ -34,9 +34,9 @@ class Document:
     """
 
     data: Any = None
-    keys: dict[KeyPath, Mark] = field(default_factory=dict)
-    values: dict[KeyPath, Mark] = field(default_factory=dict)
-    problems: list[tuple[Mark, str]] = field(default_factory=list)
+    keys: dict[KeyPath, TextMark] = field(default_factory=dict)
+    values: dict[KeyPath, TextMark] = field(default_factory=dict)
+    problems: list[tuple[TextMark, str]] = field(default_factory=list)
     left_out: list[KeyPath] = field(default_factory=list)
     broken: bool = False
     empty: bool = True
@@ -85,8 +85,8 @@ def shortened(text: str) -> str:
 
 def unprintable_in(text: str) -> str:
     """Return a message about the first character that is not allowed in a text, or ""."""
-    found = _UNPRINTABLE.search(text)
-    return f"character U+{ord(found.group()):04X} is not allowed" if found else ""
+    match = _UNPRINTABLE.search(text)
+    return f"character U+{ord(match.group()):04X} is not allowed" if match else ""
 
 
 _UNPRINTABLE = re.compile(
@@ -147,11 +147,11 @@ class _Reader:
 
     def __init__(self) -> None:
         self.document = Document()
-        self.latest: Mark = (1, 1)
+        self.latest: TextMark = (1, 1)
         self._frames: list[_Frame] = []
         self._documents = 0
 
-    def fail(self, mark: Mark, message: str) -> bool:
+    def fail(self, mark: TextMark, message: str) -> bool:
         """Note a problem that ends the reading."""
         self._note(mark, message)
         self.document.broken = True
@@ -181,7 +181,7 @@ class _Reader:
             self._close()
         return True
 
-    def _note(self, mark: Mark, message: str) -> None:
+    def _note(self, mark: TextMark, message: str) -> None:
         self.document.problems.append((mark, message))
 
     def _check_properties(self, event: yaml.NodeEvent) -> None:
@@ -209,14 +209,14 @@ class _Reader:
                 return _ABSENT
         return plain_scalar(text)
 
-    def _scalar_or_alias(self, value: Any, mark: Mark) -> None:
+    def _scalar_or_alias(self, value: Any, mark: TextMark) -> None:
         frame = self._frames[-1] if self._frames else None
         if frame and isinstance(frame.container, dict) and not frame.awaits_value:
             self._take_key(frame, value, mark)
         else:
             self._place(value, mark)
 
-    def _take_key(self, frame: _Frame, value: Any, mark: Mark) -> None:
+    def _take_key(self, frame: _Frame, value: Any, mark: TextMark) -> None:
         frame.awaits_value = True
         frame.key = value
         if value is _ABSENT or frame.refused:
@@ -235,7 +235,7 @@ class _Reader:
         else:
             self.document.keys[(*frame.path, value)] = mark
 
-    def _place(self, value: Any, mark: Mark) -> tuple[KeyPath, bool]:
+    def _place(self, value: Any, mark: TextMark) -> tuple[KeyPath, bool]:
         """Put a value in its container; return its path and whether it was refused."""
         if not self._frames:
             self.document.data = None if value is _ABSENT else value
@@ -279,10 +279,10 @@ class _Reader:
             parent.awaits_value = True
 
 
-def _mark(mark: Any) -> Mark:
+def _mark(mark: Any) -> TextMark:
     return mark.line + 1, mark.column + 1
 
 
-def _mark_of(text: str, index: int) -> Mark:
+def _mark_of(text: str, index: int) -> TextMark:
     before = text[:index]
     return before.count("\n") + 1, index - (before.rfind("\n") + 1) + 1

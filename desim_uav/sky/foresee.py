@@ -22,7 +22,7 @@ from desim_uav.rowcode.kernels import kernel, rare_rule, rule
 from desim_uav.sky.flights import pieces_of
 from desim_uav.sky.memory import ints_at, scene_at, sky_at, walks_at
 from desim_uav.sky.order import sort_last_first, spread_last_first
-from desim_uav.sky.rows import Change, Leg, Propagation, Scene, Sky
+from desim_uav.sky.rows import Change, LegRow, Propagation, Scene, Sky
 
 PIECE_COLUMNS, CHANGE_COLUMNS = 4, Change.words
 
@@ -84,11 +84,11 @@ def foresee_rings(
         count = _cross_disc(at, own, users, leg, span, changes)
     else:
         count = _cross_rings(at, own, users, leg, span, changes)
-    kept = min(count, room)
+    rows = min(count, room)
     if rings.classes == 1:
-        sort_last_first(changes_at(out, room), kept)
+        sort_last_first(changes_at(out, room), rows)
     else:
-        spread_last_first(own.found, kept, own.order, changes_at(out, room))
+        spread_last_first(own.found, rows, own.order, changes_at(out, room))
     return count
 
 
@@ -104,7 +104,7 @@ def _look(scene: Scene, sky: Sky, users: Users, span_us: tuple[int, int]) -> Non
 
 @rule
 def _cross_disc(
-    scene: Scene, sky: Sky, users: Users, leg: Leg, span_us: tuple[int, int], out: Any
+    scene: Scene, sky: Sky, users: Users, leg: LegRow, span_us: tuple[int, int], out: Any
 ) -> int:
     """Write the entries and exits on a leg, and return their number."""
     rings = scene.radios[leg.radio]
@@ -116,7 +116,7 @@ def _cross_disc(
 
 @rare_rule
 def _cross_rings(
-    scene: Scene, sky: Sky, users: Users, leg: Leg, span_us: tuple[int, int], changes: Any
+    scene: Scene, sky: Sky, users: Users, leg: LegRow, span_us: tuple[int, int], changes: Any
 ) -> int:
     """Write the changes of class on a leg, and return their number.
 
@@ -149,7 +149,7 @@ def _cross_rings(
 
 
 @rule
-def _is_between(rings: Propagation, leg: Leg) -> bool:
+def _is_between(rings: Propagation, leg: LegRow) -> bool:
     """Return whether a leg leads between two levels where the rings are known."""
     return leg.level != leg.to_level and len(rings.terms) > 0
 
@@ -161,7 +161,7 @@ def _circles(rings: Propagation) -> int:
 
 
 @rule
-def _is_disc(rings: Propagation, leg: Leg) -> bool:
+def _is_disc(rings: Propagation, leg: LegRow) -> bool:
     """Return whether one circle is the same for all users: at one height a footprint is."""
     return _circles(rings) == 1 and rings.radii_m[leg.level] >= 0.0
 
@@ -186,7 +186,7 @@ def _buckets_of(scene: Scene, sky: Sky) -> Any:
 
 
 @rule
-def _flown(scene: Scene, leg: Leg, span_us: tuple[int, int], radius_m: float) -> Any:
+def _flown(scene: Scene, leg: LegRow, span_us: tuple[int, int], radius_m: float) -> Any:
     """Return a leg in a span, with the radius of the sender's footprint."""
     pieces = pieces_of(scene, leg)
     return DroneLeg(

@@ -21,7 +21,7 @@ from desim_uav.rowcode.rows import address
 from desim_uav.sky.flights import flight_of
 from desim_uav.sky.memory import scene_at, sky_at, walks_at
 from desim_uav.sky.order import sort_last_first
-from desim_uav.sky.rows import Leg, Scene, Sky
+from desim_uav.sky.rows import LegRow, Scene, Sky
 
 MOST_PASSED = 64
 """The most changes of a pair of levels that are kept; only the first of them counts."""
@@ -155,7 +155,7 @@ def better_us(
 
 
 @rule
-def _interferes(leg: Leg, band: int) -> bool:
+def _interferes(leg: LegRow, band: int) -> bool:
     """Return whether a sender interferes with others in a band."""
     return bool(leg.serving and leg.band == band)
 

@@ -16,9 +16,9 @@ from desim_uav.rowcode.rows import Row, Table, row
 __all__ = [
     "Air",
     "Change",
-    "Leg",
+    "LegRow",
     "Making",
-    "Piece",
+    "PieceRow",
     "Propagation",
     "Scene",
     "Sky",
@@ -28,7 +28,7 @@ __all__ = [
 
 
 @row
-class Piece(Row):
+class PieceRow(Row):
     """A part of a transit with constant acceleration: time, distance and speed at its start."""
 
     start_s: float
@@ -46,7 +46,7 @@ class TransitRow(Row):
     rises: float
     tail_mps: float
     side_mps: float
-    pieces: Table[Piece]
+    pieces: Table[PieceRow]
 
 
 @row
@@ -118,7 +118,7 @@ class Scene(Row):
 
 
 @row
-class Leg(Row):
+class LegRow(Row):
     """The leg of a sender since ``since_us``: a straight flight by a transit, and then a hover.
 
     ``transit`` is the number of one of ``Scene.transits``, or below 0 if the ``pieces`` of the leg
@@ -144,7 +144,7 @@ class Leg(Row):
     marked_us: int
     sought: int
     changes: int
-    pieces: Table[Piece]
+    pieces: Table[PieceRow]
 
 
 @row
@@ -177,7 +177,7 @@ class Sky(Row):
     in which they are made.
     """
 
-    legs: Table[Leg]
+    legs: Table[LegRow]
     from_us: int
     to_us: int
     far_m: float

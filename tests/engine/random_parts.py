@@ -160,11 +160,11 @@ class Thirsty(Endurance):
             return elapsed_us
         return math.floor(self.share * elapsed_us)
 
-    def lasts(self, flight: Any, battery_us: int) -> int:
+    def lasts(self, flight: Any, charge: int) -> int:
         """The first microsecond at which it is used up."""
         if flight.distance_m == 0.0:
-            return battery_us
-        return math.ceil(battery_us / self.share)
+            return charge
+        return math.ceil(charge / self.share)
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ def check_discrete(case: Case, result: Result, dt_s: float) -> None:
         where = (step.x_m, step.y_m, step.z_m)
         assert record.position_m == pytest.approx(where, abs=1e-4), at
         if record.mode != "returning":
-            assert record.return_us == step.return_us, at
+            assert record.return_drain == step.return_drain, at
     assert result.crashes == case.log.crashes
     assert result.charges == case.log.charges
 
@@ -96,16 +96,16 @@ def holders_at_step_ends(case: Case) -> list[dict[int, tuple[int, ...]]]:
 
 def check_battery(case: Case, result: Result, dt_s: float) -> None:
     """Late by n (1 + rate) dt at most on the ground, and not at all in the air."""
-    if case.inputs.capacity_us is None:
+    if case.inputs.capacity is None:
         return
-    rate = case.inputs.capacity_us / case.inputs.charge_us
+    rate = case.inputs.capacity / case.inputs.charge_us
     begun = sorted(event[0] for event in case.log.events if event[2] == "charge")
     for step in case.log.steps:
         record = result.records[step.step][step.drone]
         charges = sum(t_us <= step.t_us for t_us in begun)
         airborne = record.mode in ("flying", "returning")
         bound_us = 1.0 if airborne else charges * (1.0 + rate) * dt_s * US + charges + 1.0
-        assert abs(record.battery_us - step.battery_us) <= bound_us, (step.step, step.drone)
+        assert abs(record.charge - step.charge) <= bound_us, (step.step, step.drone)
 
 
 def check_coverage(case: Case, result: Result, dt_s: float) -> None:

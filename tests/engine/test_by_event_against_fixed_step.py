@@ -64,12 +64,12 @@ def check_decisions(case: Case, result: Result, dt_s: float) -> None:
             at = f"drone {drone}, decision {k}"
             assert other.t_us == pytest.approx(one.t_us, abs=bound_us), at
             assert one.action_taken == other.action_taken, at
-            if one.battery_us is not None:
+            if one.charge is not None:
                 bound = (bound_us + 2 * dt_s * US) * most_w(case)
-                assert other.battery_us == pytest.approx(one.battery_us, abs=bound), at
+                assert other.charge == pytest.approx(one.charge, abs=bound), at
             if one.position_m is not None:
                 assert other.position_m == pytest.approx(one.position_m, abs=1e-4), at
-                assert other.return_us == like_return(case, one.return_us), at
+                assert other.return_drain == like_return(case, one.return_drain), at
                 assert len(one.attached) == len(other.attached), at
     assert (result.crashes, result.charges) == (case.log.crashes, case.log.charges)
 

@@ -147,7 +147,7 @@ def test_a_charge_goes_on_and_the_drone_is_asked_when_it_is_full():
     assert asked(flight, 0) == [30 * US]
     (drone,) = flight.engine.carried() or ()
     assert (drone.mode, drone.age_us, drone.rest_us) == (Mode.FLYING, 30 * US, HOP_US - 30 * US)
-    assert drone.battery_us == 600 * US
+    assert drone.charge == 600 * US
 
 
 @every_engine

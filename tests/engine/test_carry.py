@@ -313,7 +313,7 @@ def of_drone(step: Step, since: int, since_us: int) -> tuple[Any, ...]:
     """What a record says of the drone alone."""
     return (
         *(step.step + since, step.t_us + since_us, step.drone, step.x_m, step.y_m, step.z_m),
-        *(step.battery_us, step.mode, step.action, step.action_taken, step.return_us),
+        *(step.charge, step.mode, step.action, step.action_taken, step.return_drain),
     )
 
 
@@ -395,7 +395,7 @@ def test_what_a_returning_drone_carries():
     assert drone == CarriedDrone(
         mode=Mode.RETURNING,
         node=(1, 0, 0),
-        battery_us=600 * US - 60 * US - HOP_US,
+        charge=600 * US - 60 * US - HOP_US,
         age_us=60 * US - HOP_US,
         hop=(1, 0, 0),
         route=((1, 0, 0), (1, 0, 0)),

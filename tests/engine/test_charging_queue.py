@@ -42,7 +42,7 @@ def test_three_drones_at_one_pad_wait_for_0_d_and_2d():
         Mode.FLYING, Mode.QUEUED, Mode.CHARGING, Mode.CHARGED, Mode.FLYING, Mode.FLYING,
     ]  # fmt: skip
     assert modes[2][1:5] == [Mode.QUEUED] * 2 + [Mode.CHARGING] * 2
-    assert [step.battery_us for step in log.steps if step.drone == 2] == [
+    assert [step.charge for step in log.steps if step.drone == 2] == [
         540 * US, 540 * US, 540 * US, 540 * US, 580 * US, 600 * US,
     ]  # fmt: skip
 

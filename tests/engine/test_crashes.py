@@ -51,7 +51,7 @@ def test_an_empty_battery_is_a_crash_and_a_new_drone_comes():
     """)
     modes = [Mode.FLYING, Mode.CRASHED, Mode.CRASHED, Mode.FLYING]
     assert [step.mode for step in log.steps] == modes
-    assert [step.battery_us for step in log.steps] == [33 * US, 0, 0, 33 * US]
+    assert [step.charge for step in log.steps] == [33 * US, 0, 0, 33 * US]
     assert log.crashes == 1
     hover = tuple(action is Action.HOVER for action in world.actions)
     assert flight.shown[2].masks[0] == hover
@@ -89,7 +89,7 @@ def test_a_crash_in_the_instant_of_a_decision_epoch_may_be_mended_in_it():
         150990663   3  arrive   0
     """)
     assert [step.mode for step in log.steps] == [Mode.FLYING, Mode.CRASHED, Mode.FLYING]
-    assert log.steps[1].battery_us == 0
+    assert log.steps[1].charge == 0
 
 
 def test_later_crashes_take_later_draws():
@@ -175,20 +175,20 @@ def test_a_fallen_drone_knows_where_it_is():
     noisy.episode(path_of(world, error=[[(0, 0)]]), "right")
     assert noisy.shown[-1].observations[0].cell == (1, 0)
     assert flight.shown[-1].observations[0].cell == (1, 0)
-    assert flight.engine.log.steps[-1].return_us == 3 * HOP_US
+    assert flight.engine.log.steps[-1].return_drain == 3 * HOP_US
 
 
 @pytest.mark.parametrize("hops", [1, 2])
 def test_reaching_a_station_with_the_last_of_the_battery_is_an_arrival(hops: int):
     battery = {"autonomy_min": hops * HOP_US / 60e6, "return_below": 1.0}
     world = strip([(4 - hops, 0)], battery=battery, steps=3)
-    assert world.only_type.capacity_us == hops * HOP_US
+    assert world.only_type.capacity == hops * HOP_US
     log = fly(world, path_of(world), "goto")
     assert seen(log, "land", "charge", "deplete", "crash") == events(f"""
         {hops * HOP_US}  3  land    0  -  -  0
         {hops * HOP_US}  3  charge  0  -  -  0
     """)
-    assert log.steps[-1].battery_us == (180 * US - hops * HOP_US) * world.only_type.capacity_us // (
+    assert log.steps[-1].charge == (180 * US - hops * HOP_US) * world.only_type.capacity // (
         300 * US
     )
 
@@ -196,14 +196,12 @@ def test_reaching_a_station_with_the_last_of_the_battery_is_an_arrival(hops: int
 @pytest.mark.parametrize("short_us", [1, HOP_US])
 def test_a_drone_that_is_empty_before_its_station_falls(short_us: int):
     # One microsecond too little; or just enough for the first of two hops.
-    capacity_us = 2 * HOP_US - short_us
-    world = strip(
-        [(2, 0)], battery={"autonomy_min": capacity_us / 60e6, "return_below": 1.0}, steps=2
-    )
-    assert world.only_type.capacity_us == capacity_us
+    capacity = 2 * HOP_US - short_us
+    world = strip([(2, 0)], battery={"autonomy_min": capacity / 60e6, "return_below": 1.0}, steps=2)
+    assert world.only_type.capacity == capacity
     log = fly(world, path_of(world), "goto")
     assert seen(log, "arrive", "land", "deplete", "crash") == events(f"""
         {HOP_US}       3  arrive   0
-        {capacity_us}  6  deplete  0
-        {capacity_us}  6  crash    0
+        {capacity}  6  deplete  0
+        {capacity}  6  crash    0
     """)

@@ -90,7 +90,7 @@ def test_each_speed_takes_the_energy_of_its_leg_and_of_the_hover_after_it():
     world = choosing(battery=rotary(30.0), steps=3)
     log = fly(world, path_of(world), "right@5 right@20 hover")
     energy: Any = world.only_type.drones.battery
-    charges = [30 * 3_600_000_000, *(step.battery_us for step in log.steps)]
+    charges = [30 * 3_600_000_000, *(step.charge for step in log.steps)]
     used = [before - after for before, after in pairwise(charges)]
     rest_s, hover_w = (60 - 49.25, 60 - 17, 60), 168.48421774108203
     legs = [world.only_type.epoch_transits[AtSpeed(Action.RIGHT, v)] for v in (5.0, 20.0)]

@@ -47,11 +47,11 @@ def test_hovers_and_moves():
     full, hover = 30 * 3.6e9, uj((REST, STEP_US))
     left = [full - hover, full - hover - STEP_UJ]
     left += [left[-1] - STEP_UJ, left[-1] - STEP_UJ - hover]
-    assert [step.battery_us for step in log.steps] == pytest.approx(left, abs=8)
-    assert log.used == sum([round(full), -log.steps[-1].battery_us])
+    assert [step.charge for step in log.steps] == pytest.approx(left, abs=8)
+    assert log.used == sum([round(full), -log.steps[-1].charge])
     assert log.gained == 0
     steps = tables.steps_table([log], world)
-    assert steps["battery_wh"].tolist() == [step.battery_us / 3.6e9 for step in log.steps]
+    assert steps["battery_wh"].tolist() == [step.charge / 3.6e9 for step in log.steps]
     used = [hover / 3.6e9, STEP_UJ / 3.6e9, STEP_UJ / 3.6e9, hover / 3.6e9]
     assert steps["energy_wh"].tolist() == pytest.approx(used, abs=1e-8)
     lasts_s = [charge / 1e6 / HOVER_W for charge in left]
@@ -64,7 +64,7 @@ def test_a_climb_takes_more_than_a_descent():
     log = fly(world, path_of(world), "up down hover down", ceiling=False)
     rest = uj((REST, STEP_US - UP.duration_us))
     used = [uj((UP, UP.duration_us)) + rest, uj((DOWN, DOWN.duration_us)) + rest]
-    charges = [30 * 3_600_000_000, *(step.battery_us for step in log.steps)]
+    charges = [30 * 3_600_000_000, *(step.charge for step in log.steps)]
     found = [before - after for before, after in pairwise(charges)]
     assert found == pytest.approx([*used, uj((REST, STEP_US)), uj((REST, STEP_US))], abs=8)
     assert found[0] - found[1] == pytest.approx(20 * 20 * 1e6, abs=8)
@@ -77,7 +77,7 @@ def test_a_hover_ends_with_the_microsecond_of_the_last_joule():
     empty_us = math.ceil(4 * 3.6e9 / HOVER_W)
     assert [event[0] for event in seen(log, "crash")] == [empty_us]
     assert log.used == 4 * 3_600_000_000
-    assert [step.battery_us for step in log.steps][1:] == [0, 0]
+    assert [step.charge for step in log.steps][1:] == [0, 0]
 
 
 @every_engine
@@ -103,7 +103,7 @@ def test_n_b_and_the_return():
     assert flight.shown[0].observations[0].capacity_s == pytest.approx(
         30 * 3600 / HOVER_W, rel=1e-8
     )
-    assert log.steps[0].return_us == pytest.approx(2 * HOP_UJ, abs=3)
+    assert log.steps[0].return_drain == pytest.approx(2 * HOP_UJ, abs=3)
 
 
 @every_engine
@@ -143,7 +143,7 @@ def test_charging(stations: Any, takes_us: Any):
     assert charged_us - 2 * STEP_US == pytest.approx(takes_us(used, full), abs=3)
     at = next(step for step in log.steps if step.mode is Mode.CHARGED)
     share = 0.99 if "charging" in stations and stations["charging"]["kind"] == "cc_cv" else 1.0
-    assert at.battery_us == share * full
+    assert at.charge == share * full
     assert log.gained == pytest.approx(share * full - full + used, abs=3)
     number = world.actions.index(Action.CHARGE)
     assert not flight.shown[at.step + 1].masks[0][number], "what is full is not charged"
@@ -162,7 +162,7 @@ def test_energy_is_counted_across_episodes_and_replacements():
     path = path_of(world, respawn=[[0, 0, 0]])
     first = flight.episode(path, "hover")
     second = flight.episode(path, "charge charge")
-    end, begin = second.steps[-1].battery_us, first.steps[-1].battery_us
+    end, begin = second.steps[-1].charge, first.steps[-1].charge
     assert first.crashes == 2
     assert first.used == 2 * full + (full - begin)
     assert second.crashes == 1, "and a replacement with a full battery"

@@ -39,7 +39,7 @@ def most_w(case: Case) -> float:
     climbing = max(inputs.rotor.power_w(mps, up_mps) for mps in (0.0, inputs.max_speed_mps))
     charge_s = inputs.charge_us / US
     rate = 1 / charge_s if inputs.charger is None else inputs.charger.rate_per_s
-    return max(climbing, rate * inputs.capacity_us / 1e6)
+    return max(climbing, rate * inputs.capacity / 1e6)
 
 
 def check_energy(case: Case, result: Result, dt_s: float) -> None:
@@ -50,9 +50,9 @@ def check_energy(case: Case, result: Result, dt_s: float) -> None:
         at = f"step {step.step}, drone {step.drone}"
         late = 1 + 3 * sum(t_us <= step.t_us for t_us in begun)
         bound_uj = late * most_w(case) * dt_s * US
-        assert record.battery_us == pytest.approx(step.battery_us, abs=bound_uj), at
+        assert record.charge == pytest.approx(step.charge, abs=bound_uj), at
         if record.mode not in ("returning", "crashed"):
-            assert record.return_us == like_return(case, step.return_us), at
+            assert record.return_drain == like_return(case, step.return_drain), at
 
 
 def like_return(case: Case, exact: float | None) -> Any:

@@ -29,7 +29,7 @@ def test_what_a_step_records():
     log = fly(world, path_of(world, asks), "hover right")
     first, second = log.steps
     assert (first.attached_users, first.served_requests, first.used_hz) == (2, 1, 300_000)
-    assert (first.x_m, first.battery_us, first.return_us) == (120.0, None, None)
+    assert (first.x_m, first.charge, first.return_drain) == (120.0, None, None)
     assert (second.attached_users, second.served_requests, second.used_hz) == (0, 0, 0)
     assert second.x_m == 360.0
 

@@ -123,7 +123,7 @@ class TestByHand:
         """)
         last = {step.drone: step for step in log.steps[-3:]}
         assert [last[d].mode for d in range(3)] == [Mode.CRASHED, Mode.FLYING, Mode.FLYING]
-        assert [last[d].battery_us for d in range(3)] == [0, 15 * US, None]
+        assert [last[d].charge for d in range(3)] == [0, 15 * US, None]
 
     def test_energy_is_that_of_the_types_that_are_measured_in_it(self):
         # Two hover for a minute, charge until they are full, and hover for another minute; one

@@ -35,7 +35,7 @@ def check_at(seed: int, dt_s: float) -> None:
 
 def looks_home(record: Record) -> bool:
     """Return whether the time of the way home is that of the end of the step."""
-    return record.return_us is not None and record.mode != "returning"
+    return record.return_drain is not None and record.mode != "returning"
 
 
 def check_case(
@@ -56,7 +56,7 @@ def check_case(
         seen = (*record.position_m[:2], 0.0 if record.mode == "crashed" else record.position_m[2])
         assert seen == pytest.approx(where, abs=near_m), at
         if looks_home(record) and case.inputs.rotor is None:
-            assert record.return_us == step.return_us, at
+            assert record.return_drain == step.return_drain, at
     assert (result.crashes, result.charges) == (case.log.crashes, case.log.charges)
     if case.inputs.rotor is None:
         check_battery(case, result, dt_s)

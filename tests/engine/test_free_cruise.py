@@ -170,7 +170,7 @@ def test_energy_of_the_speed_that_was_chosen(wind: tuple[float, float]):
     told = [([0.2, 0.1], 4.0), ([0.3, -0.1], 7.0), ([-0.2, 0.2], 10.0)]
     number = {4.0: SLOW, 7.0: MIDDLE, 10.0: QUICK}
     _, log = fly(world, *([*way, number[v], -1.0] for way, v in told))
-    charges = [90 * 3_600_000_000, *(step.battery_us for step in log.steps)]
+    charges = [90 * 3_600_000_000, *(step.charge for step in log.steps)]
     used = [before - after for before, after in pairwise(charges)]
     legs = [leg for leg in log.legs if leg.duration_us]
     space = space_of(Limits(10.0, 4.0, 5.0, 3.0, 2.0), wind)
@@ -193,7 +193,7 @@ def test_energy_in_joules_of_a_leg_between_two_cells():
     _, log = fly(world, [share, 0.0, v, -1.0])
     leg = log.legs[1]
     assert leg.duration_us == 30_990_663
-    used = 90 * 3_600_000_000 - log.steps[0].battery_us
+    used = 90 * 3_600_000_000 - log.steps[0].charge
     assert used / 1e6 == pytest.approx(8949.181, abs=1e-3)
 
 

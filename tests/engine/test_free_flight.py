@@ -135,7 +135,9 @@ class TestByHand:
             147000000   3  charged  0  -  -  0
         """)
         first, *_ = log.steps
-        assert first.return_us == (1080 - 120 - 590) / 10 * US + 2 * US  # from where it is at 60 s
+        assert (
+            first.return_drain == (1080 - 120 - 590) / 10 * US + 2 * US
+        )  # from where it is at 60 s
 
     def test_a_drone_crashes_where_it_is(self):
         # After 45 s it has flown 10 * 45 - 10 = 440 m.
@@ -264,13 +266,13 @@ def test_a_return_takes_just_what_was_foreseen(seed):
                 home = drone.course.home
                 began[drone.index] = (
                     drone.since_us,
-                    drone.battery_us,
+                    drone.charge,
                     home.duration_us,
-                    home.drained_us,
+                    home.drain,
                 )
             elif own is not None and mode in (Mode.QUEUED, Mode.CHARGING):
                 since_us, battery, duration_us, drained = began.pop(drone.index)
-                assert drone.battery_us == battery - drained
+                assert drone.charge == battery - drained
                 assert simulation.state.now_us >= since_us + duration_us
                 assert mode != Mode.QUEUED or drone.since_us == since_us + duration_us
             elif mode != Mode.RETURNING:

@@ -70,7 +70,7 @@ def test_energy_of_steps(wind: tuple[float, float]):
     told = [[0.6, 0.3], [-0.2, 0.7], "hover", [-0.9, -0.9]]
     world = windy(wind, rotary(30.0), steps=5)
     _, log = fly(world, *([*one, -1.0] if one != "hover" else one for one in told))
-    charges = [30 * UJ_WH, *(step.battery_us for step in log.steps)]
+    charges = [30 * UJ_WH, *(step.charge for step in log.steps)]
     found = [before - after for before, after in pairwise(charges)]
     space = space_of(Limits(10, 4, 5, 3, 2), wind)
     assert found == pytest.approx([1e6 * j for j in _by_steps(space, log, 5)], abs=4)
@@ -99,7 +99,7 @@ def test_energy_of_a_climb():
     log = flight.engine.log
     rises = [leg.to_m[2] - leg.from_m[2] for leg in log.legs if leg.duration_us]
     assert rises[0] > 0 < rises[1] and rises[2] < 0
-    charges = [30 * UJ_WH, *(step.battery_us for step in log.steps)]
+    charges = [30 * UJ_WH, *(step.charge for step in log.steps)]
     found = [before - after for before, after in pairwise(charges)]
     space = space_of(Limits(10, 4, 5, 3, 2), wind)
     assert found == pytest.approx([1e6 * j for j in _by_steps(space, log, 3)], abs=4)
@@ -160,7 +160,7 @@ def test_batteries_are_what_the_sampler_has_left(seed: int):
             continue
         rotor = Rotor(climbs=battery.climb, electronics_w=battery.electronics_w)
         space = space_of(own.space.limits, world.scenario.wind_mps)
-        held: dict[int, int] = {s.t_us: s.battery_us for s in log.steps if s.drone == drone}
+        held: dict[int, int] = {s.t_us: s.charge for s in log.steps if s.drone == drone}
         modes = {s.t_us: s.mode for s in log.steps if s.drone == drone}
         legs = [leg for leg in log.legs if leg.drone == drone]
         lands = [e[0] for e in log.events or () if e[3] == drone and e[2] in ("land", "crash")]

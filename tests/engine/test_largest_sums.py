@@ -275,8 +275,8 @@ class Endless(RowEnergy):
     def drains(self, flight: Any, elapsed_us: int) -> int:
         return elapsed_us
 
-    def lasts(self, flight: Any, battery_us: int) -> int:
-        return battery_us
+    def lasts(self, flight: Any, charge: int) -> int:
+        return charge
 
 
 @pytest.mark.parametrize(

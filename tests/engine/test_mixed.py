@@ -115,7 +115,7 @@ class TestByHand:
         assert taken == [(0, "RIGHT"), (1, "FLY"), *((d, "GOTO_CHARGING_STATION") for d in (0, 1))]
         first, second, *_ = log.steps
         assert (first.aim_x, second.aim_x) == (0.0, -0.5)
-        assert (first.return_us, second.return_us) == (51_000_000, 69_000_000)
+        assert (first.return_drain, second.return_drain) == (51_000_000, 69_000_000)
 
     def test_the_order_of_types_does_not_matter(self):
         # Drone 1 moves in 17 s, and returns over three cells; drone 2 moves in 30.990663 s.
@@ -218,7 +218,7 @@ CLIMBS = {
     "path_loss": {"kind": "al_hourani", "environment": "urban"},
 }
 WINDY = {"kind": "rotary_wing", "capacity_wh": 16.0, "return_below": 0.9}
-KEYS = ("t_us", "x_m", "y_m", "z_m", "mode", "battery_us", "return_us", "action", "action_taken")
+KEYS = ("t_us", "x_m", "y_m", "z_m", "mode", "charge", "return_drain", "action", "action_taken")
 SERVICE = ("attached_users", "served_requests", "used_hz", "used", "aim_x", "aim_y", "aim_z")
 
 

@@ -27,7 +27,7 @@ def test_a_move_off_the_map_is_a_hover_that_counts_and_costs():
     first, second = log.steps
     assert (first.action, first.action_taken) == (Action.LEFT, Action.LEFT)
     assert (second.action, second.action_taken) == (Action.FORWARD, Action.FORWARD)
-    assert (first.battery_us, second.battery_us) == (540 * US, 480 * US)
+    assert (first.charge, second.charge) == (540 * US, 480 * US)
     assert (second.x_m, second.y_m) == (120.0, 120.0)
     assert log.distance_m == 0.0
     legal = dict(zip(world.actions, flight.shown[0].masks[0], strict=True))

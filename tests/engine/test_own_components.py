@@ -61,7 +61,7 @@ class Careful(RowReward):
         observation = state.observations[drone.index]
         drone.terms[0] = self.whole * observation.served_requests / len(state.users)
         low_us = self.below * capacity_of(world, drone)
-        if self.on and is_limited(world, drone) and observation.battery_us < low_us:
+        if self.on and is_limited(world, drone) and observation.charge < low_us:
             drone.terms[1] = -self.penalty
 
 
@@ -167,8 +167,8 @@ class Costly(Endurance):
     def drains(self, flight: Any, elapsed_us: int) -> int:
         return elapsed_us * self._percent(flight) // 100
 
-    def lasts(self, flight: Any, battery_us: int) -> int:
-        return -(-battery_us * 100 // self._percent(flight))
+    def lasts(self, flight: Any, charge: int) -> int:
+        return -(-charge * 100 // self._percent(flight))
 
     def _percent(self, flight: Any) -> int:
         return 100 if flight.distance_m == 0.0 else self.percent
@@ -184,9 +184,9 @@ class ByPieces(Costly):
         fast = len(flight.pieces) > 1 and flight.pieces[1].speed_mps > self.fast_mps
         return elapsed_us * self.percent // 100 if fast else elapsed_us
 
-    def lasts(self, flight: Any, battery_us: int) -> int:
+    def lasts(self, flight: Any, charge: int) -> int:
         fast = len(flight.pieces) > 1 and flight.pieces[1].speed_mps > self.fast_mps
-        return -(-battery_us * 100 // self.percent) if fast else battery_us
+        return -(-charge * 100 // self.percent) if fast else charge
 
 
 def test_both_engines_drain_batteries_alike():

@@ -56,14 +56,14 @@ def test_a_return_lands_charges_waits_and_takes_off():
     """)
     modes = [Mode.FLYING, Mode.RETURNING, Mode.CHARGING, Mode.CHARGED, Mode.FLYING]
     assert [step.mode for step in log.steps] == modes
-    assert [step.battery_us for step in log.steps] == [
+    assert [step.charge for step in log.steps] == [
         540 * US, 480 * US, 501_084_033, 600 * US, 540 * US,
     ]  # fmt: skip
     taken = [Action.RIGHT, *[Action.GOTO_CHARGING_STATION] * 2, Action.CHARGE, Action.HOVER]
     assert [step.action_taken for step in log.steps] == taken
     # On the way: 0.093674 s into the braking of the second hop.
     assert log.steps[1].x_m == pytest.approx(600 + 231.38875 + 0.777497 - 0.017550, abs=1e-4)
-    assert [step.return_us for step in log.steps] == [3 * HOP_US, HOP_US, 0, 0, 0]
+    assert [step.return_drain for step in log.steps] == [3 * HOP_US, HOP_US, 0, 0, 0]
     assert (log.charges, log.queueing_us, log.crashes, log.distance_m) == (1, 0, 0, 960.0)
     only = {Action.GOTO_CHARGING_STATION: [2], Action.CHARGE: [3]}
     for action, epochs in only.items():
@@ -147,7 +147,7 @@ def test_hops_of_a_return_can_fill_a_step_each():
         180000000  10  depart   0
         210990663   3  arrive   0
     """)
-    assert [step.battery_us for step in log.steps] == [540 * US, 480 * US, 600 * US, 540 * US]
+    assert [step.charge for step in log.steps] == [540 * US, 480 * US, 600 * US, 540 * US]
     assert [(leg.duration_us, leg.mode) for leg in log.legs[1:]] == [
         (60 * US, Mode.RETURNING), (60 * US, Mode.RETURNING), (HOP_US, Mode.FLYING),
     ]  # fmt: skip
@@ -179,7 +179,7 @@ def test_a_minute_for_each_action():
     assert seen(log, "land") == [(180 * US + 3 * HOP_US, 3, "land", 0, -1, -1, 0)]
     on_the_way_us = 60 * US * (60 * US - HOP_US) // HOP_US
     charged_us = 2 * (300 * US - 180 * US - 3 * HOP_US)
-    assert [step.battery_us for step in log.steps] == [
+    assert [step.charge for step in log.steps] == [
         540 * US, 480 * US, 420 * US, 360 * US - on_the_way_us, 240 * US + charged_us,
     ]  # fmt: skip
 
@@ -188,10 +188,10 @@ def test_a_battery_of_actions_is_empty_within_a_hop():
     # A minute and 2 us: the second hop takes 60 / 30.990663 us a us, 1 after one and 3 after two.
     battery = PER_ACTION | {"autonomy_min": 60_000_002 / 60e6}
     world = strip([(2, 0)], battery=battery, steps=1, timing="fill_epoch")
-    assert world.only_type.capacity_us == 60_000_002
+    assert world.only_type.capacity == 60_000_002
     log = fly(world, path_of(world), "goto")
     assert seen(log, "crash") == [(HOP_US + 2, 6, "crash", 0, -1, -1, -1)]
-    assert log.steps[0].battery_us == 0
+    assert log.steps[0].charge == 0
 
 
 def test_landing_is_at_the_lowest_level():

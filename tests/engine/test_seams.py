@@ -97,11 +97,11 @@ def test_a_sweep_goes_on_over_the_end_of_an_episode():
 class Thirsty(Endurance):
     """Moving takes three times what hovering takes."""
 
-    def drained_us(self, flight, elapsed_us):
+    def drain_of(self, flight, elapsed_us):
         return elapsed_us if flight is REST else 3 * elapsed_us
 
-    def lasts_us(self, flight, battery_us):
-        return battery_us if flight is REST else -(-battery_us // 3)
+    def lasts_us(self, flight, charge):
+        return charge if flight is REST else -(-charge // 3)
 
 
 def test_n_b_is_the_battery_a_return_takes():

@@ -100,8 +100,8 @@ def test_the_way_home_costs_as_the_battery_runs_low():
     world = strip([(3, 0)], [(840, 120), (0, 120)], battery=battery, steps=3, reward=reward)
     flight = Flight(world)
     log = flight.episode(path_of(world))
-    assert [step.battery_us for step in log.steps] == [90_000_000, 30_000_000, 0]
-    assert [step.return_us for step in log.steps][:2] == [30_990_663] * 2
+    assert [step.charge for step in log.steps] == [90_000_000, 30_000_000, 0]
+    assert [step.return_drain for step in log.steps][:2] == [30_990_663] * 2
     assert flight.shown[1].reward_terms == ({"users": 0.5, "return": 0.0},)
     assert flight.shown[2].reward_terms == ({"users": 0.0, "return": -1.0},)
     assert [step.reward for step in log.steps] == [0.5, -1.0, 0.0]
@@ -140,7 +140,7 @@ def test_who_returns_pays_for_the_rest_of_the_way():
     log = Flight(world).episode(path_of(world), "hover goto")
     first, second = log.steps
     assert first.reward == pytest.approx(0.8 - 0.2 * 4 * 30.990663 / 240)
-    assert (second.mode, second.battery_us) == (Mode.RETURNING, 180_000_000)
+    assert (second.mode, second.charge) == (Mode.RETURNING, 180_000_000)
     assert second.reward == pytest.approx(-0.5 * 2 * 30.990663 / 180)
 
 
@@ -256,17 +256,17 @@ def paid(world: World, step: Step, drone: int, counted: Counts) -> float:
     if reward.kind == "coverage":
         return users
     weight, danger = 1.0, 0.0
-    if step.battery_us is not None:
-        assert step.return_us is not None
-        c1 = Fraction(str(reward.low_battery)) * world.only_type.capacity_us
+    if step.charge is not None:
+        assert step.return_drain is not None
+        c1 = Fraction(str(reward.low_battery)) * world.only_type.capacity
         bounds = [round(c1 / Fraction(3, 2) ** k) for k in range(4)]
-        band = sum(step.battery_us <= bound for bound in bounds)  # 0: above c1 … 4: at or below c4
-        safe = step.battery_us > step.return_us
+        band = sum(step.charge <= bound for bound in bounds)  # 0: above c1 … 4: at or below c4
+        safe = step.charge > step.return_drain
         weight = (1.0, 0.8, 0.5, 0.2, 0.0)[band] if safe or band == 0 else 0.0
-        if step.battery_us == 0 or math.isinf(step.return_us):
+        if step.charge == 0 or math.isinf(step.return_drain):
             danger = 1.0
         else:
-            danger = min(most, step.return_us / step.battery_us)
+            danger = min(most, step.return_drain / step.charge)
     worth = users
     if reward.kind == "multi_service":
         had = counted.served if reward.served_only else counted.asking

@@ -119,7 +119,7 @@ def test_an_autonomy_in_time_knows_of_durations_only():
     world = windy([5, 0], {"autonomy_min": 10, "return_below": 1.0}, starts=[(5, 0)])
     flight = Flight(world)
     log = flight.episode(path_of(world), "left goto")
-    assert next(step.battery_us for step in log.steps) == 540 * US
+    assert next(step.charge for step in log.steps) == 540 * US
     assert flight.shown[0].observations[0].return_s == 49.25
     assert flight.shown[1].observations[0].return_s == 0.0
 
@@ -137,7 +137,7 @@ def test_energy_of_moves_and_hovers(wind: tuple[float, float]):
         air_j(left, wind, (-1, 0, 0), 60.0),
         60 * hover_w,
     ]
-    charges = [30 * 3_600_000_000, *(step.battery_us for step in log.steps)]
+    charges = [30 * 3_600_000_000, *(step.charge for step in log.steps)]
     found = [before - after for before, after in pairwise(charges)]
     assert found == pytest.approx([1e6 * joules for joules in used_j], abs=4)
     assert log.used == charges[0] - charges[-1]
@@ -149,7 +149,7 @@ def test_energy_of_a_climb():
     world = in_3d([[0, 1, 25.0]], [(0, 0)], battery=battery, wind_mps=wind, drones=QUICK)
     log = fly(world, path_of(world), "up down hover", ceiling=False)
     hover_j = 60 * float(power_w(5.0, *POWERS))
-    charges = [30 * 3_600_000_000, *(step.battery_us for step in log.steps)]
+    charges = [30 * 3_600_000_000, *(step.charge for step in log.steps)]
     found = [before - after for before, after in pairwise(charges)]
     assert found == pytest.approx([1e6 * (hover_j + 20 * 20), 1e6 * hover_j, 1e6 * hover_j], abs=4)
 

@@ -113,7 +113,7 @@ def test_the_rest_of_the_run_is_the_same(kind: str, first: str, second: str, tmp
         shown = other.restore(file)
         assert other.save().saved.digest() == before.digest()
         assert other.session.engine.save().numbers.tolist() == before.numbers.tolist()
-        np.testing.assert_equal(of_any(shown), of_any(env._shown()))
+        np.testing.assert_equal(of_any(shown), of_any(env._present()))
         other.save().write(tmp_path / "again.npz")
         assert (tmp_path / "again.npz").read_bytes() == file.read_bytes()
         twin = env.fork(1)[0]

@@ -94,7 +94,7 @@ def test_without_a_seed_the_run_goes_on():
             if step.mode is not Mode.CRASHED:  # which may be replaced in this very instant
                 assert (step.x_m, step.y_m, step.z_m) == tuple(place)
                 assert seen.mode is step.mode
-                assert seen.battery_s == step.battery_us / 1e6
+                assert seen.battery_s == step.charge / 1e6
 
 
 def test_an_episode_that_is_broken_off_is_followed_by_a_fresh_start():

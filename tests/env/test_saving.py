@@ -47,7 +47,7 @@ def turns_of_all(env: Any, seed: int) -> list[Any]:
 def test_it_goes_on_from_memory_and_from_a_file(kind: str, epoch: str, tmp_path: Path):
     env = ONE_EACH[kind]()
     turns(env, EPOCHS[epoch], seed=1)
-    shown = copy.deepcopy(env)._shown()
+    shown = copy.deepcopy(env)._present()
     state, file = env.save(), tmp_path / "state.npz"
     state.write(file)
     told = seen if kind == "single, compiled" else turns_of_all  # a kernel does not add to the log

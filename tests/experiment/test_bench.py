@@ -377,7 +377,7 @@ def test_a_kept_submission_of_each_task_replays():
 def folder(tmp_path_factory):
     """A submission of the table of case 8 on two seeds, and the one of the baseline beside it."""
     from desim_uav.experiment.bench.run import submit
-    from desim_uav.run_folder import Place
+    from desim_uav.run_folder import RunPlace
 
     here, track = tmp_path_factory.mktemp("bench"), TRACKS["one"]
     for policy, name in (("case8.npz", "table"), ("baseline", "baseline")):
@@ -385,7 +385,7 @@ def folder(tmp_path_factory):
             find_task("uav-v1/multi-service"),
             track,
             policy,
-            Place(here / name, name),
+            RunPlace(here / name, name),
             name=name,
             seeds=track.seeds[:2],
         )
@@ -512,7 +512,7 @@ def test_changed_commands_are_refused(cli, folder, tmp_path):
 def trained(tmp_path_factory):
     """A submission of two tables, as if they were those of two trainings, on two seeds."""
     from desim_uav.experiment.bench.run import submit
-    from desim_uav.run_folder import Place
+    from desim_uav.run_folder import RunPlace
 
     here, track = tmp_path_factory.mktemp("trained"), TRACKS["one"]
     table = Path(find_table("case8.npz"))
@@ -521,7 +521,7 @@ def trained(tmp_path_factory):
         find_task("uav-v1/multi-service"),
         track,
         ["case8.npz", str(here / "second.npz")],
-        Place(here / "both", "both"),
+        RunPlace(here / "both", "both"),
         name="learner",
         seeds=track.seeds[:2],
         training_steps=360_000,
@@ -605,14 +605,14 @@ def test_a_submission_of_another_protocol_is_refused(cli, folder, tmp_path):
 @pytest.mark.thorough
 def test_an_interruption_keeps_the_seeds_that_have_ended(tmp_path, monkeypatch):
     from desim_uav.experiment.bench import run
-    from desim_uav.run_folder import Place
+    from desim_uav.run_folder import RunPlace
 
     def once(function, work, jobs):
         yield 0, function(*work[0])
         raise KeyboardInterrupt
 
     monkeypatch.setattr(run, "run_each", once)
-    task, place = find_task("uav-v1/multi-service"), Place(tmp_path / "kept", "kept")
+    task, place = find_task("uav-v1/multi-service"), RunPlace(tmp_path / "kept", "kept")
     done = run.submit(task, TRACKS["one"], "hover", place)
     assert done.interrupted and read(done.folder).about.seeds == [100]
 
@@ -622,7 +622,7 @@ def test_an_interruption_keeps_the_seeds_that_have_ended(tmp_path, monkeypatch):
 def test_a_second_ctrl_c_while_the_seeds_are_written(where, earlier, tmp_path, monkeypatch):
     """They are kept, and it is an interruption only if the first one came before the end."""
     from desim_uav.experiment.bench import run
-    from desim_uav.run_folder import Place
+    from desim_uav.run_folder import RunPlace
 
     def flown(task, track, policies, seeds, jobs, on_run):
         return [Measured({"seed": seeds[0]}, np.zeros(1))], earlier
@@ -637,5 +637,5 @@ def test_a_second_ctrl_c_while_the_seeds_are_written(where, earlier, tmp_path, m
         *((run, "versions") if where == "versions" else (submission, "write")), disturbed
     )
     task = find_task("uav-v1/multi-service")
-    done = run.submit(task, TRACKS["one"], "hover", Place(tmp_path, "kept"))
+    done = run.submit(task, TRACKS["one"], "hover", RunPlace(tmp_path, "kept"))
     assert (done.folder, done.interrupted, done.manifest["seeds"]) == (tmp_path, earlier, [100])

@@ -12,7 +12,7 @@ from desim_uav import cli
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import doctor
-from desim_uav.experiment.doctor import Finding, examine
+from desim_uav.experiment.doctor import Check, examine
 from desim_uav.model.geometry.crossings import crossings
 from desim_uav.rowcode import kernels
 from desim_uav.sample_path import draw
@@ -21,7 +21,7 @@ from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
 
 
-def found(findings: list[Finding], what: str) -> Finding:
+def found(findings: list[Check], what: str) -> Check:
     (one,) = [finding for finding in findings if finding.what == what]
     return one
 
@@ -74,7 +74,7 @@ def test_a_package_that_cannot_be_imported(monkeypatch):
         return real(name)
 
     monkeypatch.setattr(doctor.importlib, "import_module", broken)
-    assert found(examine(), "numba") == Finding(
+    assert found(examine(), "numba") == Check(
         "problem", "numba", "cannot be imported: Numba needs NumPy 2.3 or less"
     )
 

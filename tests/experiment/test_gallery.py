@@ -16,7 +16,7 @@ from desim_uav.experiment.gallery import (
     mozaffari_2016,
     wu_2018,
 )
-from desim_uav.experiment.gallery.row import Row, evaluated
+from desim_uav.experiment.gallery.row import GalleryRow, evaluated
 from desim_uav.model.radio.path_loss import AlHourani
 from tests.command_line import runner
 
@@ -58,11 +58,11 @@ def test_the_open_questions_are_known():
 
 class TestRows:
     def test_holds(self):
-        row = Row("x", "", 1.0, 1.04, 0.05, 2)
+        row = GalleryRow("x", "", 1.0, 1.04, 0.05, 2)
         assert row.holds and row.apart == pytest.approx(0.04)
-        assert Row("x", "", 1.0, 1.06, 0.05, 2).holds is False
-        assert Row("x", "", 1.0, math.nan, 0.05, 2).holds is False
-        assert Row("x", "", 1.0, 9.0, None, 2).holds is None
+        assert GalleryRow("x", "", 1.0, 1.06, 0.05, 2).holds is False
+        assert GalleryRow("x", "", 1.0, math.nan, 0.05, 2).holds is False
+        assert GalleryRow("x", "", 1.0, 9.0, None, 2).holds is None
 
     def test_half_a_unit_of_the_last_digit(self):
         assert evaluated("x", "", 20.34, 20.345, 2).holds

@@ -13,7 +13,7 @@ from desim_uav.experiment import optimum
 from desim_uav.model.association import Strongest
 from desim_uav.model.radio.radio import Disc
 from desim_uav.model.services import Transfer
-from desim_uav.optimum.cover import Places
+from desim_uav.optimum.cover import Spots
 from desim_uav.optimum.process import DroneProcess
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
@@ -334,7 +334,7 @@ def told_of(lines, beginning, problems):
 
 
 @each_of_them
-@pytest.mark.parametrize("solver", [Places, DroneProcess])
+@pytest.mark.parametrize("solver", [Spots, DroneProcess])
 def test_what_it_calls_refuses_other_models(keys, problems, solver):
     """Nobody else who uses it gets a wrong figure, as the best covers of ``reproduce``."""
     scenario = from_mapping(SOLVED, overrides=settings(keys))

@@ -12,7 +12,7 @@ from desim_uav.engine.des import Simulation
 from desim_uav.errors import UsageError
 from desim_uav.model.rules import Action
 from desim_uav.optimum import footprints
-from desim_uav.optimum.cover import GUARANTEE, Places, cover, fair_cover, instant_bound
+from desim_uav.optimum.cover import GUARANTEE, Spots, cover, fair_cover, instant_bound
 from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.search import best_cover, greedy_cover
 from desim_uav.sample_path import draw
@@ -33,20 +33,20 @@ def test_two_crowds():
     """Three users at each end of a row, one in the middle: the ends; the first of equal cells."""
     users = [(x, 120) for x in (100, 120, 140, 1080, 2020, 2040, 2060)]
     world = a_world(2, users, (9, 1), 100.0)
-    best = cover(Places(world))
+    best = cover(Spots(world))
     assert (best.cells, best.users, best.exact) == ([(0, 0), (8, 0)], 6, True)
 
 
 def test_the_disc_is_closed():
     """A user exactly at the radius is covered, as in the engine."""
-    assert cover(Places(a_world(1, [(220, 120)], (9, 1), 100.0))).users == 1
-    assert cover(Places(a_world(1, [(220.001, 120)], (1, 1), 100.0))).users == 0
+    assert cover(Spots(a_world(1, [(220, 120)], (9, 1), 100.0))).users == 1
+    assert cover(Spots(a_world(1, [(220.001, 120)], (1, 1), 100.0))).users == 0
 
 
 def test_one_crowd_is_shared():
     """Six users on one cell are two fair shares: both drones there earn all there is."""
     world = a_world(2, [(120, 120)] * 6, (9, 1), 100.0)
-    fair = fair_cover(Places(world))
+    fair = fair_cover(Spots(world))
     assert (fair.cells, fair.score / 6, fair.users, fair.least) == ([(0, 0), (0, 0)], 2.0, 6, 6)
 
 
@@ -57,7 +57,7 @@ def test_a_fair_share_is_worth_no_more():
     2, 2 and 1: 2.5, too, with one user fewer.
     """
     users = [(120, 120)] * 5 + [(2040, 120)]
-    fair = fair_cover(Places(a_world(3, users, (9, 1), 100.0)))
+    fair = fair_cover(Spots(a_world(3, users, (9, 1), 100.0)))
     assert fair.score / 6 == 2.5
     assert (fair.cells, fair.users, fair.least) == ([(0, 0), (0, 0), (8, 0)], 6, 5)
 
@@ -69,19 +69,19 @@ def test_a_cell_nobody_can_get_to():
     world = in_3d(buildings, [(0, 0)], (3, 2), users=[(120, 360), (600, 120)], radius_m=100.0)
     assert {node[:2] for node in flown_to(world)} == {(0, 0), (1, 0), (2, 0), (2, 1)}
     assert (2, 0, 0) not in flown_to(world)
-    best = cover(Places(world))
+    best = cover(Spots(world))
     assert (best.cells, best.users) == ([(2, 0)], 1)
 
 
 def test_more_drones_than_cells():
-    best = cover(Places(a_world(5, [(120, 120), (360, 120)], (2, 1), 100.0)))
+    best = cover(Spots(a_world(5, [(120, 120), (360, 120)], (2, 1), 100.0)))
     assert (best.users, len(best.cells), best.exact) == (2, 5, True)
 
 
 def test_on_the_way():
     """Half-way between two cells both users are in reach, over either of them one is."""
     world = a_world(1, [(150, 120), (330, 120)], (2, 1), 100.0)
-    places = Places(world)
+    places = Spots(world)
     assert (cover(places).users, instant_bound(places)) == (1, 2)
 
 
@@ -117,7 +117,7 @@ def test_against_every_placement(data):
     side = st.integers(0, 24).map(lambda tenth: tenth * 10.0 * cells[0])
     users = data.draw(st.lists(st.tuples(side, st.just(120.0)), min_size=1, max_size=6))
     radius_m = data.draw(st.sampled_from([60.0, 150.0, 260.0, 400.0]))
-    places = Places(a_world(drones, users, cells, radius_m))
+    places = Spots(a_world(drones, users, cells, radius_m))
     best, fair = cover(places), fair_cover(places)
     most, reward, least, greatest = by_all_placements(places)
     assert (best.users, best.exact) == (most, True)
@@ -133,7 +133,7 @@ def test_larger_maps(drones, cells, seed):
     users = (rng.random((70, 2)) * 2400).tolist()
     size = {"size_m": [2400, 2400], "cells": [cells, cells]}
     world = strip([(0, 0)] * drones, users, (10, 10), radius_m=300.0, map=size)
-    places = Places(world)
+    places = Spots(world)
     held = places.footprints.by_cell().reshape(-1, 70)
     held = np.unique(held, axis=0)
     inside = (held[:, None] <= held[None]).all(axis=2)
@@ -169,7 +169,7 @@ def test_an_interrupted_search_still_knows_its_bounds():
     rng = np.random.default_rng(5)
     users = (rng.random((300, 2)) * 2400).tolist()
     world = strip([(0, 0)] * 6, users, (10, 10), radius_m=300.0)
-    places = Places(world)
+    places = Spots(world)
     proven, found = cover(places), cover(places, limit_s=0.0)
     assert proven.exact and not found.exact
     assert found.users <= proven.users <= found.at_most
@@ -199,7 +199,7 @@ def hovered(scenario, cells):
 @pytest.mark.parametrize("radius_m", [200.0, 600.0])
 def test_as_the_engine_says(case, radius_m):
     scenario = load(scenario_path(case), [f"drones.footprint_radius_m={radius_m}", "world_seed=0"])
-    places = Places(build_world(scenario, 0))
+    places = Spots(build_world(scenario, 0))
     best, fair = cover(places), fair_cover(places)
     qoe3, _ = hovered(scenario, best.cells)
     assert qoe3 == 100 * best.users / places.users
@@ -215,7 +215,7 @@ def test_as_the_engine_says_in_3d():
     """Flown to the best cell, which is built up: above the house the footprint is the same."""
     changes = {"users": [(600, 120), (600, 100)], "radius_m": 100.0, "steps": 5}
     world = in_3d([[2, 0, 30], [0, 1, 60]], [(0, 0)], (3, 2), timing="fill_epoch", **changes)
-    best = cover(Places(world))
+    best = cover(Spots(world))
     assert (best.cells, best.users) == ([(2, 0)], 2)
     engine = Simulation(world, RunSettings((True,), carry_over=False))
     shown = engine.reset(draw(world, 0, 0))
@@ -234,7 +234,7 @@ def test_nobody_holds_more_at_any_instant(seed, drones, radius_m):
     timing = ("fill_epoch", "minimum_time")[seed % 2]
     reward = {"kind": "coverage"}
     world = a_world(drones, users, radius_m=radius_m, timing=timing, steps=20, reward=reward)
-    places = Places(world)
+    places = Spots(world)
     bound, fair = instant_bound(places), fair_cover(places)
     engine = Simulation(world, RunSettings((True,) * drones, False, keep_events=True))
     shown = engine.reset(draw(world, 0, 0))
@@ -253,13 +253,13 @@ def test_nobody_holds_more_at_any_instant(seed, drones, radius_m):
 def test_users_that_walk():
     world = build_world(load(scenario_path("case8"), ["world_seed=0"]), 0)
     with pytest.raises(UsageError, match=r"^users\.mobility: .* not for 'random_walk'"):
-        Places(world)
+        Spots(world)
 
 
 def test_too_large_a_map(monkeypatch):
     monkeypatch.setattr(footprints, "LARGEST", 10)
     with pytest.raises(UsageError, match=r"^map\.cells: 9 cells times 2 users"):
-        Places(a_world(1, [(0, 0), (1, 1)], (9, 1)))
+        Spots(a_world(1, [(0, 0), (1, 1)], (9, 1)))
 
 
 def test_too_many_drones_to_share():
@@ -273,4 +273,4 @@ def test_too_many_drones_to_share():
         ),
         0,
     )
-    assert fair_cover(Places(world)) is None
+    assert fair_cover(Spots(world)) is None

@@ -142,7 +142,7 @@ def unrolled(process):
     Forced steps are states of their own.
     """
     world = process.world
-    at_stations = [((*cell, 0), world.only_type.capacity_us) for cell in world.stations]
+    at_stations = [((*cell, 0), world.only_type.capacity) for cell in world.stations]
     per_step = world.step_us * len(world.homes)
     chains, waiting = {}, [process.start]
     while waiting:
@@ -349,22 +349,22 @@ def test_as_the_engine_pays(kind, timing, dimensions):
 class Thirsty(Endurance):
     """Moving costs twice what hovering does."""
 
-    def drained_us(self, flight, elapsed_us):
+    def drain_of(self, flight, elapsed_us):
         return elapsed_us * (1 if flight.duration_us == 0 else 2)
 
-    def lasts_us(self, flight, battery_us):
-        return battery_us if flight.duration_us == 0 else -(-battery_us // 2)
+    def lasts_us(self, flight, charge):
+        return charge if flight.duration_us == 0 else -(-charge // 2)
 
 
 @dataclass(frozen=True)
 class Tireless(Endurance):
     """Hovering costs nothing."""
 
-    def drained_us(self, flight, elapsed_us):
+    def drain_of(self, flight, elapsed_us):
         return 0 if flight.duration_us == 0 else elapsed_us
 
-    def lasts_us(self, flight, battery_us):
-        return 10**15 if flight.duration_us == 0 else battery_us
+    def lasts_us(self, flight, charge):
+        return 10**15 if flight.duration_us == 0 else charge
 
 
 @pytest.mark.thorough

@@ -119,7 +119,7 @@ class Both:
         if outcome.state is None:  # another drone: wherever the engine says
             places = world.starts if world.only_type.on_crash == "end_episode" else world.stations
             assert seen.cell in places
-            self.state = ((*seen.cell, 0), world.only_type.capacity_us)
+            self.state = ((*seen.cell, 0), world.only_type.capacity)
         assert seen.mode in (Mode.FLYING, Mode.CHARGED)
         assert (*seen.cell, seen.level) == self.state[0]
         assert seen.battery_s is None or round(seen.battery_s * US) == self.state[1]
@@ -130,8 +130,8 @@ class Both:
         shown, row, seen = self.shown, self.engine.log.steps[-1], promised.observation
         last = shown.truncated
         assert (row.mode, row.attached_users) == (seen.mode, seen.attached_users)
-        assert row.battery_us is None or row.battery_us / US == seen.battery_s
-        assert row.return_us is None or row.return_us / US == seen.return_s
+        assert row.charge is None or row.charge / US == seen.battery_s
+        assert row.return_drain is None or row.return_drain / US == seen.return_s
         if not last or self.world.scenario.reward.kind != "multi_service":
             assert row.reward == promised.reward
         if last or not replaced:
@@ -179,21 +179,21 @@ class Brisk(Endurance):
     """An autonomy that falls twice as fast while the drone speeds up or brakes."""
 
     def drains(self, flight, elapsed_us):
-        drained_us, pieces = elapsed_us, flight.pieces
+        drain, pieces = elapsed_us, flight.pieces
         for k in range(len(pieces) - 1):
             if pieces[k].acceleration_mps2 != 0.0:
                 begins_us, ends_us = (
                     round(pieces[k].start_s * US),
                     round(pieces[k + 1].start_s * US),
                 )
-                drained_us += max(0, min(elapsed_us, ends_us) - begins_us)
-        return drained_us
+                drain += max(0, min(elapsed_us, ends_us) - begins_us)
+        return drain
 
-    def lasts(self, flight, battery_us):
-        low, high = 0, battery_us  # it drains at least as fast as time passes
+    def lasts(self, flight, charge):
+        low, high = 0, charge  # it drains at least as fast as time passes
         while low < high:
             middle = (low + high) // 2
-            if self.drains(flight, middle) < battery_us:
+            if self.drains(flight, middle) < charge:
                 low = middle + 1
             else:
                 high = middle
@@ -204,7 +204,7 @@ class Brisk(Endurance):
 class PlainBrisk(Brisk):
     """The same, but told of transits, not of rows."""
 
-    def drained_us(self, flight, elapsed_us):
+    def drain_of(self, flight, elapsed_us):
         assert flight.profile.shape[1] == 4
         return self.drains(flight, elapsed_us)
 
@@ -223,11 +223,11 @@ def flown(world, state, action):
         row = engine.log.steps[-1]
         place = (*world.grid.cell_of(row.x_m, row.y_m), world.grid.level_of(row.z_m))
         attached_us = attached(engine.log.events, row.t_us - world.step_us, row.t_us)
-        told = (row.mode, place, row.battery_us / US, row.attached_users, row.reward)
+        told = (row.mode, place, row.charge / US, row.attached_users, row.reward)
         steps.append((*told, attached_us))
         gone = engine.log.crashes and world.only_type.on_crash != "respawn"
         decides = bool(drone.waits or gone)
-    there = (drone.x, drone.y, drone.level), engine.state.observations[0].battery_us
+    there = (drone.x, drone.y, drone.level), engine.state.observations[0].charge
     return steps, None if engine.log.crashes else there
 
 
@@ -268,7 +268,7 @@ def test_every_action_in_random_states(kind, on_crash):
     nodes = flown_to(world)
     ends = set()
     for k in range(48):
-        most_us = 2 * world.step_us if k % 4 == 0 else world.only_type.capacity_us
+        most_us = 2 * world.step_us if k % 4 == 0 else world.only_type.capacity
         state = nodes[rng.integers(len(nodes))], int(rng.integers(1, most_us))
         for action in process.allowed(state):
             assert as_flown(world, process, state, action), (state, action)

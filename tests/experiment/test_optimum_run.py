@@ -15,7 +15,7 @@ from desim_uav.model.energy.battery import Endurance
 from desim_uav.model.mobility.mobility import RandomWalk
 from desim_uav.model.rules import MOVES
 from desim_uav.optimum.run.alone import ANYWHERE, best_alone, follow, pay_legs
-from desim_uav.optimum.run.bound import Run
+from desim_uav.optimum.run.bound import BoundedRun
 from desim_uav.optimum.run.covered import Covered
 from desim_uav.optimum.run.legs import LEGS, leg_of, shares_of
 from desim_uav.optimum.run.prices import lowest_bound
@@ -89,7 +89,7 @@ def state_of(engine):
     now_us = engine.state.now_us
     rows = [
         (
-            *(row.mode, row.x, row.y, row.level, row.to_x, row.to_y, row.battery_us),
+            *(row.mode, row.x, row.y, row.level, row.to_x, row.to_y, row.charge),
             *(now_us - row.since_us, row.transit, row.route, row.route_end, row.respawns),
         )
         for row in engine.state.drones
@@ -132,7 +132,7 @@ def best_qoe1(world, path):
 
 
 def check_qoe3(world, seed=0):
-    found = Run(world, seed, 1, rounds=100).bound()
+    found = BoundedRun(world, seed, 1, rounds=100).bound()
     best = best_qoe3(world, draw(world, seed, 0))
     assert best <= found.qoe3_at_most_percent + 1e-9
     assert found.schedule_qoe3_percent <= best + 1e-9
@@ -145,7 +145,7 @@ def test_no_commands_cover_more():
     world = small_world(0)
     best, found = check_qoe3(world)
     assert 0.0 < best < found.qoe3_at_most_percent < 100.0
-    run, rng = Run(world, 0, 1), np.random.default_rng(0)
+    run, rng = BoundedRun(world, 0, 1), np.random.default_rng(0)
     for _ in range(20):
         prices = rng.random((run.steps, len(world.homes)))
         bound = lowest_bound(Covered(), run.fleet, prices, lambda _: False)
@@ -202,7 +202,7 @@ def energy_world(seed, steps=3, mixed=True, **changes):
 
 
 def check_energy(world, seed=0):
-    found = Run(world, seed, 1, rounds=100).bound()
+    found = BoundedRun(world, seed, 1, rounds=100).bound()
     best = best_qoe3(world, draw(world, seed, 0))
     assert best <= found.qoe3_at_most_percent + 1e-9
     assert found.schedule_qoe3_percent is None
@@ -239,7 +239,7 @@ ONCE = {"demand": {"kind": "static", "mix": {"call": 1}}, "services": BUSY["serv
 
 
 def check_qoe1(world, seed):
-    best, found = best_qoe1(world, draw(world, seed, 0)), 100.0 * Run(world, seed, 1).qoe1()
+    best, found = best_qoe1(world, draw(world, seed, 0)), 100.0 * BoundedRun(world, seed, 1).qoe1()
     assert best <= found + 1e-9
     return best, found
 
@@ -277,7 +277,7 @@ def two_ends(**changes):
 
 @pytest.mark.thorough
 def test_drones_that_cover_all():
-    found = Run(two_ends(steps=5), 0, 1).bound()
+    found = BoundedRun(two_ends(steps=5), 0, 1).bound()
     assert found.qoe3_at_most_percent == pytest.approx(100.0, abs=1e-4)
     assert found.schedule_qoe3_percent == 100.0
     assert found.gap_percent == pytest.approx(0.0, abs=1e-4)
@@ -286,7 +286,7 @@ def test_drones_that_cover_all():
 def test_one_drone_for_two_ends():
     """It covers one end: half the users, and flies to no other within 5 steps."""
     users = [(120, 120)] * 4 + [(2040, 120)] * 4
-    found = Run(strip([(0, 0)], users, (9, 1), steps=5), 0, 1).bound()
+    found = BoundedRun(strip([(0, 0)], users, (9, 1), steps=5), 0, 1).bound()
     assert found.qoe3_at_most_percent == pytest.approx(50.0, abs=0.01)
     assert found.schedule_qoe3_percent == 50.0
 
@@ -303,7 +303,7 @@ def test_a_battery_and_its_charge():
         battery=battery,
         stations={"full_charge_min": 1.5},
     )
-    found = Run(world, 0, 1).bound()
+    found = BoundedRun(world, 0, 1).bound()
     assert found.qoe3_at_most_percent == pytest.approx(100.0 * 5 / 6, abs=0.01)
     assert found.schedule_qoe3_percent == pytest.approx(100.0 * 5 / 6)
 
@@ -325,11 +325,11 @@ def test_energy_and_a_swap():
     plain = to_plain(world.scenario)
     own = plain["drones"] | {"count": 1, "start_cells": [[0, 0]]}
     types = [own | {"name": "long"}, own | {"name": "short", "battery": short}]
-    assert Run(world, 0, 1).qoe3() == pytest.approx(1.0, abs=1e-3)  # they take turns
+    assert BoundedRun(world, 0, 1).qoe3() == pytest.approx(1.0, abs=1e-3)  # they take turns
     for number, bound in ((0, 5 / 6), (1, 1.0)):
         alone = build_world(from_mapping(plain | {"drones": [types[number]]}), 0)
-        assert Run(alone, 0, 1).qoe3() == pytest.approx(bound, abs=1e-3)
-    both = Run(build_world(from_mapping(plain | {"drones": types}), 0), 0, 1)
+        assert BoundedRun(alone, 0, 1).qoe3() == pytest.approx(bound, abs=1e-3)
+    both = BoundedRun(build_world(from_mapping(plain | {"drones": types}), 0), 0, 1)
     assert [len(each.alone.charge) for each in both.fleet.types] == [3, 1]
     assert [each.alone.doomed for each in both.fleet.types] == [2, 0]
 
@@ -337,7 +337,7 @@ def test_energy_and_a_swap():
 def test_a_carried_run_may_begin_anywhere():
     """The same with carry-over: at best the run begins as the second step does."""
     world = two_ends(steps=5, episode={"carry_over": True, "steps": 5})
-    run = Run(world, 0, 2)
+    run = BoundedRun(world, 0, 2)
     (drones,) = run.fleet.types
     assert drones.starts == [(ANYWHERE, 2)] and run.fleet.steps == 10
     assert run.bound().episodes == 2
@@ -358,7 +358,7 @@ def test_shares_are_the_times_of_the_engine():
 def test_what_a_plan_earns_is_what_it_covers():
     """The value of the best plan is the price of all that it covers, also over crashes."""
     world = small_world(4, steps=12)
-    run, rng = Run(world, 0, 1), np.random.default_rng(1)
+    run, rng = BoundedRun(world, 0, 1), np.random.default_rng(1)
     prices = rng.random((run.steps, len(world.homes)))
     ((alone, shares, _),) = run.fleet.types
     paid = np.empty((run.steps, len(alone.ahead), LEGS))
@@ -396,8 +396,8 @@ def test_a_request_that_comes_too_late_by_hand():
 def test_no_requests():
     world = strip([(0, 0)], [(120, 120)], (1, 1), steps=5, **ONCE)
     quiet = small_world(0, demand={"kind": "static", "none": 1.0})
-    assert Run(quiet, 0, 1).bound(schedule=False).qoe1_at_most_percent is None
-    assert Run(world, 0, 1).qoe1() == pytest.approx(1.0, abs=1e-4)
+    assert BoundedRun(quiet, 0, 1).bound(schedule=False).qoe1_at_most_percent is None
+    assert BoundedRun(world, 0, 1).qoe1() == pytest.approx(1.0, abs=1e-4)
 
 
 # ---- what is refused

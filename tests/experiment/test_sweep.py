@@ -18,7 +18,7 @@ from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep import job, run
 from desim_uav.experiment.sweep.grid import axes
 from desim_uav.experiment.sweep.pictures import plot_sweep, sweep_report
-from desim_uav.experiment.sweep.plan import Asked, arms, policy_digest
+from desim_uav.experiment.sweep.plan import SweepPlan, arms, policy_digest
 from desim_uav.lock import held
 from desim_uav.policies.tabular import read_table
 from desim_uav.scenario.load import load
@@ -69,7 +69,7 @@ def manifest(out):
 
 def jobs(policies, values, seeds, episodes, warmup):
     """The jobs of a sweep of the tiny scenario."""
-    asked = Asked(scenario_path("tiny"), values, policies, False, None, seeds, episodes, warmup)
+    asked = SweepPlan(scenario_path("tiny"), values, policies, False, None, seeds, episodes, warmup)
     return job.jobs(asked, arms(asked, axes(values)))
 
 
@@ -312,7 +312,9 @@ class TestIdentity:
         (here / "north.py").write_text(
             "from desim_uav.policies.hover import Hover\nclass North(Hover):\n    pass\n"
         )
-        (one,) = arms(Asked(scenario_path("case8"), [], [name], False, None, range(1), 1, 0), [])
+        (one,) = arms(
+            SweepPlan(scenario_path("case8"), [], [name], False, None, range(1), 1, 0), []
+        )
         assert one.source == source.format(here)
 
     def test_is_of_the_version(self, monkeypatch):
@@ -329,7 +331,7 @@ class TestIdentity:
 def test_warnings_of_scenarios_are_told_once():
     given = {"stations": {"count": 3, "radius_m": 1e6}, "episode": {"steps": 2}}
     axes_of_it, said = axes({"users.count": [3, 4]}), list[str]()
-    arms(Asked(given, [], ["hover"], False, None, range(1), 1, 0), axes_of_it, said.append)
+    arms(SweepPlan(given, [], ["hover"], False, None, range(1), 1, 0), axes_of_it, said.append)
     (line,) = said
     assert line.startswith("warning: stations.radius_m: 1e+06: the circle leaves")
 

@@ -214,14 +214,14 @@ def test_a_row_of_a_sweep(tmp_path, capsys, monkeypatch):
     """A damaged row is made again, be it in a page or in what Parquet says about it."""
     from desim_uav.experiment.sweep.folder import SweepFolder
     from desim_uav.experiment.sweep.job import jobs
-    from desim_uav.experiment.sweep.plan import Asked, arms
+    from desim_uav.experiment.sweep.plan import SweepPlan, arms
     from desim_uav.shipped import scenario_path
 
     monkeypatch.chdir(tmp_path)
     command = runner(capsys, monkeypatch)
     flags = ("--policies", "random", "--seeds", 1, "--episodes", 1, "--warmup", 0, "-q")
     assert command("sweep", "tiny", *flags, "--out", "s").code == 0
-    asked = Asked(scenario_path("tiny"), [], ["random"], False, None, range(1), 1, 0)
+    asked = SweepPlan(scenario_path("tiny"), [], ["random"], False, None, range(1), 1, 0)
     (job,), folder = jobs(asked, arms(asked, [])), SweepFolder(Path("s"), [])
     whole, chance = folder.rows([job]), np.random.default_rng(1)
     (file,) = Path("s/results").iterdir()

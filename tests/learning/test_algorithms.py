@@ -8,7 +8,7 @@ from desim_uav.learning.double_q import DoubleQ
 from desim_uav.learning.expected_sarsa import ExpectedSarsa
 from desim_uav.learning.learner import epsilon_greedy
 from desim_uav.learning.q_learning import QLearning
-from desim_uav.learning.rows import Learner, Lesson, Values
+from desim_uav.learning.rows import Learner, Lesson, QValues
 from desim_uav.learning.sarsa import Sarsa
 from desim_uav.registry import names, resolve
 from desim_uav.rowcode.rows import blank, fill
@@ -25,8 +25,8 @@ def table(tables: int = 1) -> np.ndarray:
     return np.stack([q, other][:tables])
 
 
-def values(q: np.ndarray) -> Values:
-    return fill(Values, (q.data, *q.shape, float(q.sum(dtype=np.float64))))
+def values(q: np.ndarray) -> QValues:
+    return fill(QValues, (q.data, *q.shape, float(q.sum(dtype=np.float64))))
 
 
 def lesson(next_action: int = 0, coin: float = 0.0, epsilon: float = EPSILON, **fields) -> Lesson:

@@ -10,7 +10,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.learner import act, close, conclude, forget, gain
 from desim_uav.learning.q_learning import QLearning
-from desim_uav.learning.rows import Episode, Learner, Values
+from desim_uav.learning.rows import EpisodeRow, Learner, QValues
 from desim_uav.rowcode.rows import blank, fill
 
 GAMMA = 0.9
@@ -20,7 +20,7 @@ BOTH, ONE = (True, True), (True, False)
 def learner(algorithm: Any = QLearning) -> Any:
     """One table of three states and two actions, whose values are 0."""
     pupil = blank(Learner)
-    pupil.q = fill(Values, (np.zeros((1, 3, 2), np.float32).data, 1, 3, 2, 0.0))
+    pupil.q = fill(QValues, (np.zeros((1, 3, 2), np.float32).data, 1, 3, 2, 0.0))
     pupil.gamma, pupil.share, pupil.update = GAMMA, 1.0, algorithm.update
     pupil.lesson.allowed, pupil.lesson.alpha, pupil.explore = BOTH, 1.0, 0.9
     forget(pupil)
@@ -89,7 +89,7 @@ def test_a_cut_is_no_end():
     decide(pupil, 0)
     get(pupil, 1.0)
     pupil.lesson.next_state, pupil.decides = 1, 1
-    close(blank(Episode), pupil)
+    close(blank(EpisodeRow), pupil)
     assert pupil.q[0, 0, 0] == np.float32(1 + GAMMA * 10)
     assert pupil.lesson.state == -1
 
@@ -98,7 +98,7 @@ def test_nothing_is_learned_on_the_way():
     pupil = learner()
     decide(pupil, 0)
     get(pupil, 1.0)
-    close(blank(Episode), pupil)
+    close(blank(EpisodeRow), pupil)
     assert (pupil.q.sum, pupil.lesson.state) == (0.0, -1)
 
 

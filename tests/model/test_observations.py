@@ -108,7 +108,7 @@ def test_position_is_cell_level_and_minutes(three_d, limited, expected):
 
 
 @pytest.mark.parametrize(
-    ("battery_us", "minutes"),
+    ("charge", "minutes"),
     [
         (0, 0),
         (1, 0),
@@ -123,8 +123,8 @@ def test_position_is_cell_level_and_minutes(three_d, limited, expected):
         (1_800_000_000, 30),
     ],
 )
-def test_the_battery_in_whole_minutes_rounded_down(battery_us, minutes):
-    drone = seen(battery_s=battery_us / 1_000_000)
+def test_the_battery_in_whole_minutes_rounded_down(charge, minutes):
+    drone = seen(battery_s=charge / 1_000_000)
     assert named(Position(), drone, facts_of())["battery_min"] == minutes
 
 

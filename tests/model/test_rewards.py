@@ -190,9 +190,9 @@ def test_without_a_threshold_only_an_empty_battery_counts():
 def test_thresholds_are_whole_microseconds(low, capacity_us, thresholds):
     drone = seen()._replace(capacity_s=capacity_us / 1e6, return_s=0.0)
     weights = ((1.0, 0.0), (0.8, 0.2), (0.5, 0.5), (0.2, 0.8), (0.0, 1.0))
-    for battery_us in {us + by for us in thresholds for by in (-1, 0, 1)} - {-1, 0}:
-        at = drone._replace(battery_s=battery_us / 1e6)
-        band = sum(battery_us <= us for us in thresholds)
+    for charge in {us + by for us in thresholds for by in (-1, 0, 1)} - {-1, 0}:
+        at = drone._replace(battery_s=charge / 1e6)
+        band = sum(charge <= us for us in thresholds)
         assert battery_weights(at, low) == weights[band]
 
 

@@ -107,8 +107,8 @@ def test_the_table_of_steps_is_a_script(policy: str, kind: str, engine: str, tmp
     again = flown(world, f"script:{file}", engine)
     assert len(log.events) > 100
     assert (again.events, again.legs) == (log.events, log.legs)
-    actions = [(step.action_taken, step.battery_us) for step in log.steps]
-    assert [(step.action_taken, step.battery_us) for step in again.steps] == actions
+    actions = [(step.action_taken, step.charge) for step in log.steps]
+    assert [(step.action_taken, step.charge) for step in again.steps] == actions
 
 
 @pytest.mark.thorough

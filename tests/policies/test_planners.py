@@ -367,7 +367,7 @@ def _crashes(worlds: int, episodes: int) -> int:
         world = _small(seed)
         for log, _ in play(world, Greedy(horizon=18), "greedy", seed, episodes, engine="batch"):
             crashes += log.crashes
-            assert all(step.battery_us > 0 for step in log.steps if step.mode is not Mode.CRASHED)
+            assert all(step.charge > 0 for step in log.steps if step.mode is not Mode.CRASHED)
     return crashes
 
 

@@ -156,7 +156,7 @@ def test_the_baseline_returns_at_15_percent(autonomy_min: float, at_s: int):
     log = one_episode(world, "baseline")
     taken = [step.action_taken for step in log.steps]
     assert taken.index(Action.GOTO_CHARGING_STATION) == steps - 1
-    assert log.steps[-2].battery_us == at_s * US
+    assert log.steps[-2].charge == at_s * US
 
 
 def test_the_baseline_returns_as_soon_as_it_may():
@@ -165,7 +165,7 @@ def test_the_baseline_returns_as_soon_as_it_may():
     log = one_episode(world, "baseline")
     taken = [step.action_taken for step in log.steps]
     assert taken.index(Action.GOTO_CHARGING_STATION) == 27
-    assert log.steps[26].battery_us == 180 * US
+    assert log.steps[26].charge == 180 * US
 
 
 def test_the_baseline_charges_and_flies_back_to_its_lines():

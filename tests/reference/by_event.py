@@ -49,9 +49,9 @@ class ByEvent(FixedStep):
             self._serve(t_us, xy)
 
     def _elapse(self, t_us: int) -> None:
-        before = [drone.battery_us for drone in self.drones]
+        before = [drone.charge for drone in self.drones]
         super()._elapse(t_us)
-        after = [drone.battery_us for drone in self.drones]
+        after = [drone.charge for drone in self.drones]
         self.drained = np.maximum(np.array(before) - np.array(after), 0.0) / self.dt_us
 
     # ---- decision epochs
@@ -80,17 +80,17 @@ class ByEvent(FixedStep):
 
     def _decide(self, drone: Drone, since_us: int, t_us: int, command: Any) -> None:
         """Let a drone act that has been free since ``since_us``, with its battery of that time."""
-        limited, epoch = self.inputs.capacity_us is not None, since_us // self.inputs.step_us
-        battery_us = drone.battery_us + self.drained[drone.index] * (t_us - since_us)
-        allowed = self._allowed(drone, epoch, battery_us)
-        if limited and battery_us >= self._full():
+        limited, epoch = self.inputs.capacity is not None, since_us // self.inputs.step_us
+        charge = drone.charge + self.drained[drone.index] * (t_us - since_us)
+        allowed = self._allowed(drone, epoch, charge)
+        if limited and charge >= self._full():
             allowed.discard("goto_charging_station")
         drone.action = self._taken(command, allowed)
         decision = Decision(
             since_us,
             drone.action,
             self._position(drone, since_us),
-            battery_us if limited else None,
+            charge if limited else None,
             tuple(np.flatnonzero(self.attachments.holder == drone.index).tolist()),
             self._return(drone, epoch),
             drone.gained,

@@ -37,7 +37,7 @@ class FixedStep:
         self.inputs, self.dt_us, self.map = inputs, dt_us, Map(inputs)
         self.result = Result()
         self.hops_take = {hop: self._takes(way, hop) for hop, way in self.map.returning.items()}
-        full = inputs.capacity_us or 0
+        full = inputs.capacity or 0
         self.drones = [
             Drone(d, levels, (*inputs.starts[d], 0), full) for d, levels in enumerate(inputs.levels)
         ]
@@ -52,7 +52,7 @@ class FixedStep:
             first = [name if name == "hover" else at(name, slow) for name in names]
             moves = [name for name in names if name != "hover"]
             names = first + [at(name, speed) for speed in others for name in moves]
-        names += ["goto_charging_station", "charge"] if inputs.capacity_us is not None else []
+        names += ["goto_charging_station", "charge"] if inputs.capacity is not None else []
         self.actions = names
         self.horizon_us = inputs.steps * inputs.step_us
         points = inputs.access_points
@@ -107,16 +107,16 @@ class FixedStep:
         """What the ``dt`` until now does to clocks: service, coverage, batteries."""
         self.services.elapse(self.dt_us)
         self.result.attached_us += int((self.attachments.holder >= 0).sum()) * self.dt_us
-        if self.inputs.capacity_us is None:
+        if self.inputs.capacity is None:
             return
         for drone in self.drones:
             if drone.mode in ("flying", "returning"):
-                drone.battery_us -= self._drained(drone, t_us)
+                drone.charge -= self._drained(drone, t_us)
             elif drone.mode == "charging" and self.inputs.charger is not None:
-                rate = self.inputs.charger.rate(drone.battery_us / self.inputs.capacity_us)
-                drone.battery_us += rate * self.inputs.capacity_us * self.dt_us / US
+                rate = self.inputs.charger.rate(drone.charge / self.inputs.capacity)
+                drone.charge += rate * self.inputs.capacity * self.dt_us / US
             elif drone.mode == "charging":
-                drone.battery_us += self.inputs.capacity_us / self.inputs.charge_us * self.dt_us
+                drone.charge += self.inputs.capacity / self.inputs.charge_us * self.dt_us
 
     def _drained(self, drone: Drone, t_us: int) -> float:
         """What a drone takes in the ``dt`` until now: that time, or µJ by its mean speed."""
@@ -204,8 +204,8 @@ class FixedStep:
     def _charged(self) -> None:
         for on_pads in self.on_pads:
             full = self._full()
-            for drone in [d for d in on_pads if d.battery_us >= full - 0.5]:
-                drone.battery_us = full
+            for drone in [d for d in on_pads if d.charge >= full - 0.5]:
+                drone.charge = full
                 drone.mode = "charged"
                 on_pads.remove(drone)
                 self.result.charges += 1
@@ -214,13 +214,13 @@ class FixedStep:
     def _full(self) -> float:
         """The charge at which a battery is full."""
         charger = self.inputs.charger
-        return self.inputs.capacity_us * (1.0 if charger is None else charger.full_at)
+        return self.inputs.capacity * (1.0 if charger is None else charger.full_at)
 
     def _deplete(self, drone: Drone, t_us: int) -> None:
         airborne = drone.mode in ("flying", "returning")
-        if self.inputs.capacity_us is not None and airborne and drone.battery_us <= 0:
+        if self.inputs.capacity is not None and airborne and drone.charge <= 0:
             drone.crash_position_m = self._position(drone, t_us)
-            drone.mode, drone.crashed_us, drone.battery_us = "crashed", t_us, 0
+            drone.mode, drone.crashed_us, drone.charge = "crashed", t_us, 0
             drone.hop, drone.path = None, []
             self.result.crashes += 1
 
@@ -258,7 +258,7 @@ class FixedStep:
         x, y = np.clip(cell.astype(int), 0, np.array(self.map.shape) - 1).tolist()
         return x, y, drone.node[2]
 
-    def _allowed(self, drone: Drone, epoch: int, battery_us: float) -> set[str]:
+    def _allowed(self, drone: Drone, epoch: int, charge: float) -> set[str]:
         if drone.mode == "returning":
             return {"goto_charging_station"}
         if drone.mode in ("queued", "charging"):
@@ -266,15 +266,15 @@ class FixedStep:
         if drone.mode == "crashed":
             return {"hover"}
         allowed = set(self.actions) - {"goto_charging_station", "charge"}
-        capacity = self.inputs.capacity_us
+        capacity = self.inputs.capacity
         if capacity is None:
             return allowed
         # As fractions: 0.3 of 500 s is 150 s, not 149.99999999999997.
         low = Fraction(str(self.inputs.return_below)) * capacity
         home_us, _ = self.map.nearest(self._believed(drone, epoch), drone.levels)
-        if battery_us <= low and home_us < NEVER:
+        if charge <= low and home_us < NEVER:
             allowed.add("goto_charging_station")
-        if self._station(drone.node) is not None and battery_us < self._full():
+        if self._station(drone.node) is not None and charge < self._full():
             allowed.add("charge")
         return allowed
 
@@ -284,7 +284,7 @@ class FixedStep:
                 station = self.inputs.respawn[drone.index, drone.respawns]
                 drone.respawns += 1
                 drone.node = (*self.inputs.stations[station], 0)
-                drone.mode, drone.battery_us = "flying", self.inputs.capacity_us
+                drone.mode, drone.charge = "flying", self.inputs.capacity
 
     def _replaced_us(self, drone: Drone) -> int:
         """When a crashed drone may be replaced."""
@@ -293,7 +293,7 @@ class FixedStep:
 
     def _command(self, t_us: int, epoch: int, commands: Sequence[Any]) -> None:
         for drone, command in zip(self.drones, commands, strict=True):
-            drone.action = self._taken(command, self._allowed(drone, epoch, drone.battery_us))
+            drone.action = self._taken(command, self._allowed(drone, epoch, drone.charge))
             if drone.mode in ("flying", "charged"):
                 self._obey(drone, t_us, epoch, command)
 
@@ -323,7 +323,7 @@ class FixedStep:
 
     def _return(self, drone: Drone, epoch: int) -> float | None:
         """What the way home takes from the battery; infinity without a way."""
-        if self.inputs.capacity_us is None:
+        if self.inputs.capacity is None:
             return None
         node = self._believed(drone, epoch)
         home_us, _ = self.map.nearest(node, drone.levels)
@@ -341,7 +341,7 @@ class FixedStep:
                 drone.mode,
                 drone.node,
                 self._position(drone, t_us),
-                None if self.inputs.capacity_us is None else drone.battery_us,
+                None if self.inputs.capacity is None else drone.charge,
                 drone.action,
                 tuple(np.flatnonzero(self.attachments.holder == drone.index).tolist()),
                 self._return(drone, epoch),

@@ -182,7 +182,7 @@ class Drone:
     index: int
     levels: int
     node: Node
-    battery_us: float
+    charge: float
     mode: str = "flying"
     action: str = "hover"
     hop: Node | None = None

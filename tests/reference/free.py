@@ -335,7 +335,7 @@ class Freely(FixedStep):
         return None
 
     def _return(self, drone: Drone, epoch: int) -> float | None:
-        if self.inputs.capacity_us is None or drone.hop is not None or drone.mode == "crashed":
+        if self.inputs.capacity is None or drone.hop is not None or drone.mode == "crashed":
             return None
         places = self._home(drone)
         if places is None:
@@ -343,18 +343,18 @@ class Freely(FixedStep):
         legs = [(a, b) for a, b in pairwise([self.at[drone.index], *places]) if far(a, b)]
         return sum(self._takes(self.space.leg(a, b), unit(a, b)) for a, b in legs)
 
-    def _allowed(self, drone: Drone, epoch: int, battery_us: float) -> set[str]:
+    def _allowed(self, drone: Drone, epoch: int, charge: float) -> set[str]:
         alone = {"returning": "goto_charging_station", "queued": "charge", "charging": "charge"}
         alone["crashed"] = "hover"
         if drone.mode in alone:
             return {alone[drone.mode]}
-        allowed, capacity = {"fly", "hover"}, self.inputs.capacity_us
+        allowed, capacity = {"fly", "hover"}, self.inputs.capacity
         if capacity is None:
             return allowed
         low = Fraction(str(self.inputs.return_below)) * capacity
-        if battery_us <= low and self._home(drone) is not None:
+        if charge <= low and self._home(drone) is not None:
             allowed.add("goto_charging_station")
-        if self._station(drone.node) is not None and battery_us < self._full():
+        if self._station(drone.node) is not None and charge < self._full():
             allowed.add("charge")
         return allowed
 

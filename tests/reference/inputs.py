@@ -55,7 +55,7 @@ class Inputs:
     the speed through the air. With a ``rotor`` batteries are in µJ, else in µs. A ``charger``
     replaces ``charge_us``.
     ``links``: the radio of each drone. ``legs``: for each user an array of rows t0_s, x0, y0, vx,
-    vy. ``users_height_m`` None: all users stand on the ground. ``capacity_us`` None is an
+    vy. ``users_height_m`` None: all users stand on the ground. ``capacity`` None is an
     unlimited battery, ``respawn_after_us`` None is no respawn. ``plan`` settles what the model
     leaves open, which of several equally short ways is flown: a way (hops) from a node for a drone
     with so many levels, checked here against Dijkstra's time; without it any shortest way is flown.
@@ -77,7 +77,7 @@ class Inputs:
     max_acceleration_mps2: float
     fill_epoch: bool
     returns_fill_epoch: bool
-    capacity_us: int | None
+    capacity: int | None
     return_below: float
     respawn_after_us: int | None
     charge_us: int
@@ -105,33 +105,33 @@ class Inputs:
 class Record:
     """A drone at the end of a step.
 
-    ``return_us``: what the way home from its believed cell takes from the battery, in its unit;
+    ``return_drain``: what the way home from its believed cell takes from the battery, in its unit;
     infinity if there is none. A drone that flies freely knows its place, and has a way at rest.
     """
 
     mode: str
     node: Node
     position_m: tuple[float, float, float]
-    battery_us: float | None
+    charge: float | None
     action_taken: str
     attached: tuple[int, ...]
-    return_us: float | None
+    return_drain: float | None
 
 
 @dataclass
 class Decision:
     """A drone that is free, and the action that it takes.
 
-    ``battery_us``, ``attached`` and ``return_us`` are those of the moment before. ``gained``: the
+    ``charge``, ``attached`` and ``return_drain`` are those of the moment before. ``gained``: the
     rewards since the drone's previous decision, discounted to that decision.
     """
 
     t_us: int
     action_taken: str
     position_m: tuple[float, float, float] | None
-    battery_us: float | None
+    charge: float | None
     attached: tuple[int, ...]
-    return_us: float | None
+    return_drain: float | None
     gained: float
 
 

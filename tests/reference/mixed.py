@@ -39,8 +39,8 @@ class Mixed(Freely):
     def _return(self, drone: Drone, epoch: int) -> float | None:
         return self._of(drone)._return(self, drone, epoch)
 
-    def _allowed(self, drone: Drone, epoch: int, battery_us: float) -> set[str]:
-        return self._of(drone)._allowed(self, drone, epoch, battery_us)
+    def _allowed(self, drone: Drone, epoch: int, charge: float) -> set[str]:
+        return self._of(drone)._allowed(self, drone, epoch, charge)
 
     def _taken(self, command: Any, allowed: set[str]) -> str:
         kind = FixedStep if isinstance(command, int) else Freely

@@ -64,7 +64,7 @@ def fly(
         max_acceleration_mps2=2.0,
         fill_epoch=False,
         returns_fill_epoch=False,
-        capacity_us=None,
+        capacity=None,
         return_below=0.0,
         respawn_after_us=None,
         charge_us=1,

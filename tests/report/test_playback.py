@@ -118,8 +118,8 @@ def test_between_epochs_a_battery_is_that_of_an_endurance(played):
                     assert change == pytest.approx(-1.0, abs=1e-6)
                     airborne += 1
                 elif mode is Mode.CHARGING:
-                    capacity_us = run.world.type_of(drone).capacity_us
-                    assert change == pytest.approx(capacity_us / US / 300, abs=1e-6)
+                    capacity = run.world.type_of(drone).capacity
+                    assert change == pytest.approx(capacity / US / 300, abs=1e-6)
                     landed += 1
                 else:
                     assert change == pytest.approx(0.0, abs=1e-6)

@@ -238,7 +238,7 @@ class TestBlocks:
             last = steps[steps["step"] == steps["step"].max()]
             carried[number] = (last["battery_s"] * US).tolist()
         if folder.folder.name == "ending":  # begins afresh after a crash that ended the one before
-            assert begins[1] == [own.capacity_us for own in encoder.types]
+            assert begins[1] == [own.capacity for own in encoder.types]
         else:
             assert begins == {n: pytest.approx(values) for n, values in carried.items()}
 

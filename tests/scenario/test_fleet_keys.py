@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from desim_uav.errors import ScenarioError
-from desim_uav.scenario.drones import Drones, DroneType
+from desim_uav.scenario.drones import Drones, NamedDrones
 from desim_uav.scenario.layout import start_cells
 from desim_uav.scenario.load import dump, from_mapping, json_schema, loads, scenario_hash, to_plain
 from desim_uav.scenario.schema import Scenario
@@ -37,7 +37,7 @@ def test_messages(block: str) -> None:
 def test_the_types_and_their_drones() -> None:
     scenario = loads(TWO)
     scout, relay = scenario.fleet
-    assert isinstance(scout, DroneType) and isinstance(relay, DroneType)
+    assert isinstance(scout, NamedDrones) and isinstance(relay, NamedDrones)
     assert scenario.type_names == ("scout", "relay")
     assert scenario.drone_count == 3
     assert scenario.type_numbers == (0, 0, 1)
@@ -117,9 +117,9 @@ def test_what_needs_one_type_says_which_keys_differ() -> None:
     with pytest.raises(ScenarioError, match=message):
         world.require_one_type("greedy")
     with pytest.raises(ScenarioError, match="needs drones of one type"):
-        _ = world.only_type.capacity_us
+        _ = world.only_type.capacity
     alike = build_world(loads("drones: [{name: a}, {name: b, count: 1}]"), 0)
-    assert alike.only_type.capacity_us == build_world(Scenario(), 0).only_type.capacity_us
+    assert alike.only_type.capacity == build_world(Scenario(), 0).only_type.capacity
 
 
 @pytest.mark.thorough

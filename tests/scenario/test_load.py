@@ -22,7 +22,7 @@ from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.learning import Schedule
 from desim_uav.scenario.load import dump, from_mapping, json_schema, load, loads, scenario_hash
 from desim_uav.scenario.map import ListedObstacles
-from desim_uav.scenario.schema import Episode, Scenario
+from desim_uav.scenario.schema import EpisodeKeys, Scenario
 from desim_uav.scenario.yaml12 import plain_scalar, read
 
 HERE = Path(__file__).parent
@@ -507,13 +507,13 @@ def test_keys_that_came_later_are_hashed_only_if_they_are_changed(
 ) -> None:
     texts = ["name: x", "episode: {carry_over: true}", "drones: {motion: {max_speed_mps: 9}}"]
     with_every_key = [scenario_hash(loads(text)) for text in texts]
-    monkeypatch.setattr(Episode, "later", ("carry_over",))
+    monkeypatch.setattr(EpisodeKeys, "later", ("carry_over",))
     later = BangCoastBang.later
     monkeypatch.setattr(BangCoastBang, "later", (*later, "max_speed_mps"))
     hashes = [scenario_hash(loads(text)) for text in texts]
     assert len(set(hashes)) == 3
     assert not set(hashes) & set(with_every_key)
-    monkeypatch.setattr(Episode, "later", ())
+    monkeypatch.setattr(EpisodeKeys, "later", ())
     monkeypatch.setattr(BangCoastBang, "later", later)
     assert scenario_hash(loads(texts[2])) == with_every_key[2]
 

@@ -38,7 +38,7 @@ def decisions_of(log: EpisodeLog, inputs: Inputs) -> tuple[list[list[Decision]],
         found = []
         for t_us, gain in zip(asked_us, [0.0, *gained], strict=False):
             after = next(row for row in rows if row.t_us > t_us)
-            found.append(_decision(before.get(t_us), after, t_us, gain, inputs.capacity_us))
+            found.append(_decision(before.get(t_us), after, t_us, gain, inputs.capacity))
         decisions.append(found)
         rest.append(gained[-1])
     return decisions, rest
@@ -52,7 +52,7 @@ def _decision(
         return Decision(t_us, took, None, full, (), None, gained)
     held = tuple(range(before.attached_users))  # how many, not who
     here = (before.x_m, before.y_m, before.z_m)
-    return Decision(t_us, took, here, before.battery_us, held, before.return_us, gained)
+    return Decision(t_us, took, here, before.charge, held, before.return_drain, gained)
 
 
 def _gained(rows: list[Step], since_us: int, until_us: int, inputs: Inputs) -> float:
@@ -71,7 +71,7 @@ def totals(decisions: list[list[Decision]], rest: list[float]) -> dict[str, floa
     every = [decision for own in decisions for decision in own]
     return {
         "decided_s": sum(decision.t_us for decision in every) / US,
-        "battery_s": sum(decision.battery_us or 0 for decision in every) / US,
+        "battery_s": sum(decision.charge or 0 for decision in every) / US,
         "gained": sum(decision.gained for decision in every) + sum(rest),
     }
 

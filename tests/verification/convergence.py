@@ -221,7 +221,7 @@ def inputs_of(
         max_acceleration_mps2=motion.max_acceleration_mps2,
         fill_epoch=motion.timing == "fill_epoch",
         returns_fill_epoch=motion.return_timing == "fill_epoch",
-        capacity_us=None if battery is None else world.only_type.capacity_us,
+        capacity=None if battery is None else world.only_type.capacity,
         return_below=0.0 if battery is None else battery.return_below,
         respawn_after_us=None if dies else round(battery.respawn_after_min * 60 * US),
         charge_us=round(scenario.stations.full_charge_min * 60 * US),
@@ -394,7 +394,7 @@ def exact_measures(case: Case) -> dict[str, float]:
         "qoe1": 100.0 * float(np.mean(share)) if share else 0.0,
         "qoe2": float(np.mean(unserved)) / case.world.step_us if share else 0.0,
         "qoe3": 100.0 * case.log.attached_us / (len(case.inputs.legs) * case.world.horizon_us),
-        "battery_s": sum((step.battery_us or 0) for step in case.log.steps) / US,
+        "battery_s": sum((step.charge or 0) for step in case.log.steps) / US,
         **asked,
     }
 
@@ -407,7 +407,7 @@ def sampled_measures(result: Result) -> dict[str, float]:
         "qoe1": result.qoe1,
         "qoe2": result.qoe2,
         "qoe3": result.qoe3,
-        "battery_s": sum((record.battery_us or 0) for record in records) / US,
+        "battery_s": sum((record.charge or 0) for record in records) / US,
         **(totals_of(result) if result.decisions else {}),
     }
 

@@ -17,7 +17,7 @@ import numpy as np
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.train.course import table_of
 from desim_uav.learning.training import Training
-from desim_uav.optimum.cover import Places, cover
+from desim_uav.optimum.cover import Spots, cover
 from desim_uav.optimum.discounted import optimal_return, policy_return
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -53,10 +53,10 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     yield Exact("learned value of the best cell", learned[place], best[place], 0.02, True)
     above = int((learned > best + 1e-3).sum())
     yield Exact("learned values above the optimal values", above, 0, cases=learned.size)
-    places = [Places(build_world(load(scenario_path("case3")), seed)) for seed in range(3)]
+    places = [Spots(build_world(load(scenario_path("case3")), seed)) for seed in range(3)]
     ours, by_hand = (sum(map(most, places)) for most in (_searched, most_covered))
     yield Exact("case 3: users in the best cover", ours, by_hand, cases=len(places))
-    qoe3, least = learned_qoe3(training), 100.0 * _searched(Places(world)) / len(world.homes)
+    qoe3, least = learned_qoe3(training), 100.0 * _searched(Spots(world)) / len(world.homes)
     yield Exact("case 1: learned QoE3 divided by that of the best cover", qoe3 / least, 1.0, 1e-9)
 
 
@@ -90,7 +90,7 @@ def learned_qoe3(training: Training) -> float:
     return measured["qoe3_percent"]
 
 
-def most_covered(places: Places) -> int:
+def most_covered(places: Spots) -> int:
     """The most users that the drones cover, by all ways to put them over cells."""
     x, y, _ = places.world.homes.T
     radius_m = places.world.scenario.drones.footprint_radius_m
@@ -101,5 +101,5 @@ def most_covered(places: Places) -> int:
     return max(reduce(or_, covers).bit_count() for covers in chosen)
 
 
-def _searched(places: Places) -> int:
+def _searched(places: Spots) -> int:
     return cover(places).users

@@ -25,7 +25,7 @@ from desim_uav.rowcode.components import (
     NOT_COMPILED,
     Compiled,
     Function,
-    Values,
+    ValuesAt,
     cause_of,
     compiled,
     over_rows,
@@ -38,7 +38,7 @@ from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, Type
 from desim_uav.world import World
 
 
-def _pay(cls: type[RowReward], values_at: Values) -> Any:
+def _pay(cls: type[RowReward], values_at: ValuesAt) -> Any:
     """Return the function ``pay`` of a class of rewards (see ``Function.around``)."""
     method = ruled(cls.pay)
 
@@ -52,7 +52,7 @@ def _pay(cls: type[RowReward], values_at: Values) -> Any:
     return pay
 
 
-def _scan(cls: type[RowAdmission], values_at: Values) -> Any:
+def _scan(cls: type[RowAdmission], values_at: ValuesAt) -> Any:
     """Return the function ``scan`` of a class of admission rules."""
     method = ruled(cls.scan_rows)
 
@@ -63,7 +63,7 @@ def _scan(cls: type[RowAdmission], values_at: Values) -> Any:
     return scan
 
 
-def _describe(cls: type[RowObservation], values_at: Values) -> Any:
+def _describe(cls: type[RowObservation], values_at: ValuesAt) -> Any:
     """Return the function ``describe`` of a class of observations."""
     method = ruled(cls.write)
 
@@ -75,27 +75,27 @@ def _describe(cls: type[RowObservation], values_at: Values) -> Any:
     return describe
 
 
-def _drained_us(cls: type[RowEnergy], values_at: Values) -> Any:
-    """Return the function ``drained_us`` of a class of energy models."""
+def _drain_of(cls: type[RowEnergy], values_at: ValuesAt) -> Any:
+    """Return the function ``drain_of`` of a class of energy models."""
     method = ruled(cls.drains)
 
-    def drained_us(own: TypeRow, flight: TransitRow, elapsed_us: int) -> int:
+    def drain_of(own: TypeRow, flight: TransitRow, elapsed_us: int) -> int:
         return int(method(values_at(own.battery_values), flight, elapsed_us))
 
-    return drained_us
+    return drain_of
 
 
-def _lasts_us(cls: type[RowEnergy], values_at: Values) -> Any:
+def _lasts_us(cls: type[RowEnergy], values_at: ValuesAt) -> Any:
     """Return the function ``lasts_us`` of a class of energy models."""
     method = ruled(cls.lasts)
 
-    def lasts_us(own: TypeRow, flight: TransitRow, battery_us: int) -> int:
-        return int(method(values_at(own.battery_values), flight, battery_us))
+    def lasts_us(own: TypeRow, flight: TransitRow, charge: int) -> int:
+        return int(method(values_at(own.battery_values), flight, charge))
 
     return lasts_us
 
 
-def _charged(cls: type[RowCharging], values_at: Values) -> Any:
+def _charged(cls: type[RowCharging], values_at: ValuesAt) -> Any:
     """Return the function ``charged`` of a class of charging."""
     method = ruled(cls.charged)
 
@@ -105,7 +105,7 @@ def _charged(cls: type[RowCharging], values_at: Values) -> Any:
     return charged
 
 
-def _until_full_us(cls: type[RowCharging], values_at: Values) -> Any:
+def _until_full_us(cls: type[RowCharging], values_at: ValuesAt) -> Any:
     """Return the function ``until_full_us`` of a class of charging."""
     method = ruled(cls.until_full_us)
 
@@ -115,7 +115,7 @@ def _until_full_us(cls: type[RowCharging], values_at: Values) -> Any:
     return until_full_us
 
 
-def _divide(cls: type[RowSharing], values_at: Values) -> Any:
+def _divide(cls: type[RowSharing], values_at: ValuesAt) -> Any:
     """Return the function ``divide`` of a class of sharing."""
     method = ruled(cls.divide)
 
@@ -126,7 +126,7 @@ def _divide(cls: type[RowSharing], values_at: Values) -> Any:
     return divide
 
 
-class Slot(NamedTuple):
+class FunctionSlot(NamedTuple):
     """A kind of component: its key in a scenario, the base of its classes, and its functions.
 
     ``chosen`` returns the component of a world, of a type of drones, or of the links of a radio.
@@ -144,7 +144,7 @@ class Slot(NamedTuple):
 
 
 SLOTS = (
-    Slot(
+    FunctionSlot(
         "stations.charging",
         RowCharging,
         lambda world: world.charging,
@@ -154,14 +154,14 @@ SLOTS = (
             Function("until_full_us", _until_full_us, (Constants, int, int)),
         ),
     ),
-    Slot(
+    FunctionSlot(
         "reward",
         RowReward,
         lambda world: world.scenario.reward,
         "reward_values",
         (Function("pay", _pay, (Constants, State)),),
     ),
-    Slot(
+    FunctionSlot(
         "observation",
         RowObservation,
         lambda world: world.scenario.observation,
@@ -169,7 +169,7 @@ SLOTS = (
         (Function("describe", _describe, (Constants, State)),),
         required=False,
     ),
-    Slot(
+    FunctionSlot(
         "users.mobility",
         RowMobility,
         lambda world: world.row_mobility,
@@ -182,20 +182,20 @@ SLOTS = (
 """The components of a world, whose functions are in the row of the constants."""
 
 TYPE_SLOTS = (
-    Slot(
+    FunctionSlot(
         "admission",
         RowAdmission,
         lambda own: own.drones.admission,
         "admission_values",
         (Function("scan", _scan, (Constants, Path, State, Drone, int)),),
     ),
-    Slot(
+    FunctionSlot(
         "battery",
         RowEnergy,
         lambda own: own.drones.battery,
         "battery_values",
         (
-            Function("drained_us", _drained_us, (TypeRow, TransitRow, int)),
+            Function("drain_of", _drain_of, (TypeRow, TransitRow, int)),
             Function("lasts_us", _lasts_us, (TypeRow, TransitRow, int)),
         ),
     ),
@@ -203,7 +203,7 @@ TYPE_SLOTS = (
 """The components of a type of drones; the key of each follows that of the drones."""
 
 RADIO_SLOTS = (
-    Slot(
+    FunctionSlot(
         "sharing",
         RowSharing,
         lambda links: links.radio.sharing if links.radio.sharing.divides else None,
@@ -214,7 +214,7 @@ RADIO_SLOTS = (
 """The components of a radio; the key of each follows that of the radio."""
 
 LOSS_SLOTS = (
-    Slot(
+    FunctionSlot(
         "path_loss",
         RowPathLoss,
         lambda links: links.radio.path_loss if links.in_air else None,
@@ -225,7 +225,7 @@ LOSS_SLOTS = (
 """Those of a radio whose functions are in the scene, and not in the row of the radio."""
 
 
-def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> str:
+def why_not_compiled(slot: FunctionSlot, component: Any, services: tuple[str, ...]) -> str:
     """Return why a component is not compiled, or an empty text if it is, or need not be.
 
     Built-in components that work on rows are compiled when an engine needs them.
@@ -241,15 +241,19 @@ def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> s
     return ""
 
 
-def components_of(slots: tuple[Slot, ...], chooser: World | DroneType | Links) -> dict[str, Any]:
+def components_of(
+    slots: tuple[FunctionSlot, ...], chooser: World | DroneType | Links
+) -> dict[str, Any]:
     """Return the components over rows of a world, a type or links, by their slots' keys."""
-    chosen = {slot.key: slot.chosen(chooser) for slot in slots}
+    component_of = {slot.key: slot.chosen(chooser) for slot in slots}
     return {
-        slot.key: chosen[slot.key] for slot in slots if works_on_rows(chosen[slot.key], slot.base)
+        slot.key: component_of[slot.key]
+        for slot in slots
+        if works_on_rows(component_of[slot.key], slot.base)
     }
 
 
-def point_at(row: View, slot: Slot, component: Compiled) -> None:
+def point_at(row: View, slot: FunctionSlot, component: Compiled) -> None:
     """Write the addresses of a component's functions and values into a row."""
     for name, address in component.functions.items():
         setattr(row, name, address)

@@ -46,7 +46,7 @@ def sums_of(world: World) -> Iterator[Sum]:
     keys = [".".join(map(str, key)) for key in scenario.fleet_keys]
     for key, own in zip(keys, world.types, strict=True):
         # A drone takes off at a decision epoch, with at most the capacity, and uses no more.
-        used = own.capacity_us * (world.most_epochs + 1)
+        used = own.capacity * (world.most_epochs + 1)
         yield Sum(f"{key}.battery, episode", "what a drone may use is too much", used)
     keys += [f"access_points.{k}" for k in range(len(scenario.access_points))]
     for key, links in zip(keys, world.links, strict=True):

@@ -19,7 +19,7 @@ from desim_uav.engine.compiled.components import (
     RADIO_SLOTS,
     SLOTS,
     TYPE_SLOTS,
-    Slot,
+    FunctionSlot,
     components_of,
     point_at,
     why_not_compiled,
@@ -48,15 +48,17 @@ def lacking(world: World) -> list[str]:
     """Return the reasons why the compiled engine cannot run a world, which are none if it can."""
     lacks = []
     keys = tuple(".".join(map(str, key)) for key in world.scenario.fleet_keys)
-    chosen: list[tuple[str, Slot, Any]] = []
+    choices: list[tuple[str, FunctionSlot, Any]] = []
     for key, own in zip(keys, world.types, strict=True):
-        chosen += [(f"{key}.{slot.key}", slot, slot.chosen(own)) for slot in TYPE_SLOTS]
-    chosen += [(slot.key, slot, slot.chosen(world)) for slot in SLOTS]
+        choices += [(f"{key}.{slot.key}", slot, slot.chosen(own)) for slot in TYPE_SLOTS]
+    choices += [(slot.key, slot, slot.chosen(world)) for slot in SLOTS]
     keys += tuple(f"access_points[{k}]" for k in range(len(world.scenario.access_points)))
     for key, links in zip(keys, world.links, strict=True):
         slots_of_radio = (*RADIO_SLOTS, *LOSS_SLOTS)
-        chosen += [(f"{key}.radio.{slot.key}", slot, slot.chosen(links)) for slot in slots_of_radio]
-    for key, slot, component in chosen:
+        choices += [
+            (f"{key}.radio.{slot.key}", slot, slot.chosen(links)) for slot in slots_of_radio
+        ]
+    for key, slot, component in choices:
         if why := why_not_compiled(slot, component, world.services.names):
             lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
     return lacks + too_large(world) + _too_slow(world)
@@ -95,21 +97,21 @@ class Fixed(Unchanging):
         """Write the addresses, which are valid only in this process."""
         constants: Any = View(self.block, Constants)
         set_functions(constants, self.graded, self.in_air)
-        loaded = []
+        codes = []
         placed = (
             (SLOTS, [constants], [self.components]),
             (TYPE_SLOTS, constants.types, self.types),
             (RADIO_SLOTS, constants.radios, self.radios),
             (LOSS_SLOTS, constants.scene.radios, self.radios),
         )
-        for slots_of, rows, chosen in placed:
-            for (row, components), slot in product(zip(rows, chosen, strict=True), slots_of):
+        for slots_of, rows, choices in placed:
+            for (row, components), slot in product(zip(rows, choices, strict=True), slots_of):
                 if slot.key in components:
                     component = components[slot.key]
-                    loaded.append(compiled(slot.functions, component, self.services))
-                    point_at(row, slot, loaded[-1])
+                    codes.append(compiled(slot.functions, component, self.services))
+                    point_at(row, slot, codes[-1])
         object.__setattr__(self, "at", int(self.block.ctypes.data))
-        object.__setattr__(self, "_loaded", loaded)  # the constants point at their values
+        object.__setattr__(self, "_loaded", codes)  # the constants point at their values
 
     def __setstate__(self, value: dict[str, Any]) -> None:
         """Restore the constants from a pickle, with the addresses of this process."""
@@ -129,10 +131,10 @@ _PACKED: WeakKeyDictionary[World, dict[RunSettings, Fixed]] = WeakKeyDictionary(
 
 def pack(world: World, settings: RunSettings) -> Fixed:
     """Return the constants of a run in memory. Raises ScenarioError if ``lacking`` has reasons."""
-    kept = _PACKED.setdefault(world, {})
-    if settings not in kept:
-        kept[settings] = _pack(world, settings)
-    return kept[settings]
+    fixed_of = _PACKED.setdefault(world, {})
+    if settings not in fixed_of:
+        fixed_of[settings] = _pack(world, settings)
+    return fixed_of[settings]
 
 
 def _pack(world: World, settings: RunSettings) -> Fixed:
@@ -173,7 +175,7 @@ def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
                         hops = np.concatenate((hops, np.empty((used, 3), np.int64)))
                     hops[first:used] = np.array(back.hops, np.int64).reshape(-1, 3)
                     plans[number, int(ceiling), (level * nx + x) * ny + y] = (
-                        *(back.station, back.duration_us, back.drained_us),
+                        *(back.station, back.duration_us, back.drain),
                         *(first, used),
                     )
     return plans.reshape(-1, 5), hops[:used]

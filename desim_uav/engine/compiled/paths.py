@@ -22,7 +22,7 @@ from desim_uav.sample_path import SamplePaths
 T = TypeVar("T")
 
 
-class Section(NamedTuple):
+class TableSection(NamedTuple):
     """The entries of one table in all episodes, end to end, or once if they are always the same.
 
     ``begins`` and ``counts`` are the index of the first entry of each episode and their number:
@@ -34,7 +34,7 @@ class Section(NamedTuple):
     counts: NDArray[np.int64] | int
 
 
-NOTHING = Section([], 0, 0)
+NOTHING = TableSection([], 0, 0)
 
 
 TABLES = (Ask.words, 1, 1, 1, 1, 1, 1, 1, 1)
@@ -105,7 +105,7 @@ def _copy_parts(
             block[at[k] + word] = source[begins[k] + word]
 
 
-def _joined(section: Section) -> Words:
+def _joined(section: TableSection) -> Words:
     """Return the entries of a section as words, end to end."""
     words = [_as_words(part) for part in section.parts]
     return words[0] if len(words) == 1 else np.concatenate(words)
@@ -115,7 +115,7 @@ def _as_words(part: NDArray[Any]) -> Words:
     return part.view(np.int64) if part.dtype == np.float64 else part.astype(np.int64, copy=False)
 
 
-def _rows_and_sections(paths: SamplePaths) -> tuple[NDArray[np.int64], tuple[Section, ...]]:
+def _rows_and_sections(paths: SamplePaths) -> tuple[NDArray[np.int64], tuple[TableSection, ...]]:
     """Return rows of Path whose tables are still to be set, and their sections in order."""
     stepwise, legs_at, legs, streams = _walking(paths.walking)
     asks, drawn, asks_at = _requests(paths.requests)
@@ -126,30 +126,32 @@ def _rows_and_sections(paths: SamplePaths) -> tuple[NDArray[np.int64], tuple[Sec
     return rows, (asks, drawn, asks_at, legs, legs_at, streams, respawns, _errors(paths), keys)
 
 
-def _block(numbers: NDArray[Any]) -> Section:
+def _block(numbers: NDArray[Any]) -> TableSection:
     """Return a section of an array whose first dimension is the episode."""
     count = len(numbers)
     size = numbers.size // count
     parts = [np.ascontiguousarray(numbers).reshape(-1)]
-    return Section(parts, size * np.arange(count), size)
+    return TableSection(parts, size * np.arange(count), size)
 
 
-def _once(drawn: Sequence[T]) -> Sequence[T]:
+def _once(parts: Sequence[T]) -> Sequence[T]:
     """Return what has been drawn for each episode, or one of them if it is the same object."""
-    return drawn[:1] if all(map(is_, drawn, repeat(drawn[0]))) else drawn
+    return parts[:1] if all(map(is_, parts, repeat(parts[0]))) else parts
 
 
-def _listed(arrays: Sequence[NDArray[Any]]) -> Section:
+def _listed(arrays: Sequence[NDArray[Any]]) -> TableSection:
     """Return a section of one array per episode; an array that is always the same stands once."""
     arrays = _once(arrays)
     if len(arrays) == 1:
-        return Section([np.ascontiguousarray(arrays[0]).reshape(-1)], 0, arrays[0].size)
+        return TableSection([np.ascontiguousarray(arrays[0]).reshape(-1)], 0, arrays[0].size)
     flat = [np.ascontiguousarray(array).reshape(-1) for array in arrays]
     sizes = np.array([array.size for array in flat])
-    return Section(flat, np.cumsum(sizes) - sizes, sizes)
+    return TableSection(flat, np.cumsum(sizes) - sizes, sizes)
 
 
-def _walking(walking: Sequence[Walks | RowWalks]) -> tuple[bool, Section, Section, Section]:
+def _walking(
+    walking: Sequence[Walks | RowWalks],
+) -> tuple[bool, TableSection, TableSection, TableSection]:
     """Return whether users walk step by step, the offsets of legs, the legs, and users' streams."""
     if isinstance(walking, ManyRowWalks):
         return True, NOTHING, NOTHING, _block(walking.states.view(np.int64))
@@ -166,12 +168,12 @@ def _walking(walking: Sequence[Walks | RowWalks]) -> tuple[bool, Section, Sectio
     )
 
 
-def _requests(requests: Sequence[Requests]) -> tuple[Section, Section, Section]:
+def _requests(requests: Sequence[Requests]) -> tuple[TableSection, TableSection, TableSection]:
     """Return the sections of the requests, of the values that they draw, and of their offsets."""
     if isinstance(requests, ManyRequests):
         begins, counts = np.array(requests.begins), requests.offsets[:, -1]
         asks, drawn = (
-            Section([part.reshape(-1)], part.shape[1] * begins, part.shape[1] * counts)
+            TableSection([part.reshape(-1)], part.shape[1] * begins, part.shape[1] * counts)
             for part in (requests.asks, requests.drawn)
         )
         return asks, drawn, _block(requests.offsets)
@@ -190,12 +192,12 @@ def _after_previous(requests: Sequence[Requests]) -> bool | list[bool]:
     return [own.after_previous for own in _once(requests)]
 
 
-def _keys(keys: NDArray[np.uint64]) -> Section:
+def _keys(keys: NDArray[np.uint64]) -> TableSection:
     """Return the section of the keys of links' draws, which is empty without any."""
     return _block(keys.view(np.int64)) if keys.any() else NOTHING
 
 
-def _errors(paths: SamplePaths) -> Section:
+def _errors(paths: SamplePaths) -> TableSection:
     """Return the section of the position errors, which is empty without noise."""
     if paths.position_error is None:
         return NOTHING

@@ -18,8 +18,8 @@ from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.pack import begun_words, legs_of_step, pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.saving import Block
+from desim_uav.engine.courses import aims_of
 from desim_uav.engine.episode import Engine
-from desim_uav.engine.free import aims_of
 from desim_uav.engine.saved import Kept, Rows, SavedState, copied, write
 from desim_uav.engine.state import Buffers
 from desim_uav.errors import ScenarioError, SimulationError
@@ -29,7 +29,7 @@ from desim_uav.model.state import Snapshot
 from desim_uav.rowcode.code_digest import code_digest
 from desim_uav.rowcode.rows import Words, held_by, is_row, named
 from desim_uav.rowcode.views import View, array_of, dtype_of
-from desim_uav.rules.rows import Constants, Drone, Look, Plan, State, Station
+from desim_uav.rules.rows import Constants, Drone, LookRow, PlanRow, State, Station
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY, UNFINISHED
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.scenario.components import code_of, own_classes
@@ -147,7 +147,7 @@ class BatchSimulation(Engine):
 
     def plan(self, number: int) -> Any:
         """Return the planned return with this number."""
-        return named(Plan)._make(self.all_plans[number].tolist())
+        return named(PlanRow)._make(self.all_plans[number].tolist())
 
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
         """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
@@ -156,11 +156,11 @@ class BatchSimulation(Engine):
 
     def route(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
         """Return the numbers of hops, which are the end of some planned return."""
-        known, wanted = self.all_hops.view(np.int64).reshape(-1, 3), np.array(hops, np.int64)
-        starts = np.flatnonzero((known[: len(known) - len(wanted) + 1] == wanted[0]).all(axis=1))
+        all_rows, rows = self.all_hops.view(np.int64).reshape(-1, 3), np.array(hops, np.int64)
+        starts = np.flatnonzero((all_rows[: len(all_rows) - len(rows) + 1] == rows[0]).all(axis=1))
         for first in starts.tolist():
-            if (known[first : first + len(wanted)] == wanted).all():
-                return first, first + len(wanted)
+            if (all_rows[first : first + len(rows)] == rows).all():
+                return first, first + len(rows)
         raise SimulationError(f"carry: {tuple(hops)} is no way back of this world")
 
     def start_afresh(self) -> None:
@@ -233,10 +233,10 @@ class BatchSimulation(Engine):
 
     def _take(self, saved: SavedState) -> None:
         """Copy the memory of a saved state or, if an engine of another kind saved it, its rows."""
-        self._began, kept = (saved.before, False), saved.kept
-        if isinstance(kept, Block) and kept.fixed is self.fixed:
-            self._set_memory(kept.words, kept.buffers, kept.leg_buffer)
-            self.path, self.latest = kept.path, saved.latest
+        self._began, memory = (saved.before, False), saved.kept
+        if isinstance(memory, Block) and memory.fixed is self.fixed:
+            self._set_memory(memory.words, memory.buffers, memory.leg_buffer)
+            self.path, self.latest = memory.path, saved.latest
         else:
             self.path, _ = paths_of(SamplePaths.of(saved.path))
             self._resume(saved.rows)
@@ -301,7 +301,7 @@ class BatchSimulation(Engine):
         if self.state.faults & LOST:
             mobility: Any = self.world.row_mobility
             model: Any = type(mobility)
-            at = State.places["look"] + Look.places["walking"]
+            at = State.places["look"] + LookRow.places["walking"]
             raise misstep(mobility, View(self.memory, walking_of(model), at))
 
     def check(self) -> None:

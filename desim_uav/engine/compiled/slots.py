@@ -85,9 +85,9 @@ def _winner(state: State, slot: int, t_us: int, key: int, other: int) -> tuple[i
     A match has no jump, because winners are unpredictable and mispredicted jumps take longer.
     """
     t_other, other_key = state.slot_times[other], state.slot_keys[other]
-    lost = precedes(t_other, other_key, t_us, key)
-    t_us, key = either(lost, t_other, t_us), either(lost, other_key, key)
-    return either(lost, other, slot), t_us, key
+    loses = precedes(t_other, other_key, t_us, key)
+    t_us, key = either(loses, t_other, t_us), either(loses, other_key, key)
+    return either(loses, other, slot), t_us, key
 
 
 @stands_in_for(seam.due)

@@ -49,8 +49,8 @@ def tabulate(world: World) -> tuple[Ints, Ints]:
     ):
         return np.empty(0, np.int64), np.empty((0, CHANGE_COLUMNS), np.int64)
     looks = _Looks(world)
-    found = [rows for number in range(len(world.types)) for rows in looks.of_type(number)]
-    return np.cumsum([0, *map(len, found)]), np.concatenate(found)
+    tables = [rows for number in range(len(world.types)) for rows in looks.of_type(number)]
+    return np.cumsum([0, *map(len, tables)]), np.concatenate(tables)
 
 
 def legs_in_table(world: World) -> int:

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from desim_uav.model.geometry.grid import Grid
 from desim_uav.model.motion.planner import Planner, Return
 from desim_uav.rowcode.rows import BoundedTable, Table, fill
-from desim_uav.rules.rows import Hop, Plan
+from desim_uav.rules.rows import Hop, PlanRow
 
-NO_WAY = fill(Plan, (-1, -1, -1, 0, 0))
+NO_WAY = fill(PlanRow, (-1, -1, -1, 0, 0))
 """The plan of a place from which there is no way to a station."""
 
 
-class Plans(dict[int, Plan]):
+class Plans(dict[int, PlanRow]):
     """The planned returns from all places, by their numbers as in ``Constants.plans``.
 
     They are those of each planner in turn.
@@ -26,7 +26,7 @@ class Plans(dict[int, Plan]):
         nx, ny = grid.cells
         self._places = len(grid.levels_m) * nx * ny
 
-    def __missing__(self, number: int) -> Plan:
+    def __missing__(self, number: int) -> PlanRow:
         """Return the plan with a number that is not known yet."""
         half, place = divmod(number, self._places)
         of, ceiling = divmod(half, 2)
@@ -41,16 +41,16 @@ class Plans(dict[int, Plan]):
 
         They are added unless they are known already.
         """
-        known, first = tuple(hops), len(self.hops)
-        if known not in self._numbers:
+        route, first = tuple(hops), len(self.hops)
+        if route not in self._numbers:
             self.hops.extend(fill(Hop, hop) for hop in hops)
-            self._numbers[known] = first, len(self.hops)
-        return self._numbers[known]
+            self._numbers[route] = first, len(self.hops)
+        return self._numbers[route]
 
-    def _row(self, back: Return | None) -> Plan:
+    def _row(self, back: Return | None) -> PlanRow:
         """Return a planned return as a row, after adding its hops."""
         if back is None:
             return NO_WAY
         return fill(
-            Plan, (back.station, back.duration_us, back.drained_us, *self.numbered(back.hops))
+            PlanRow, (back.station, back.duration_us, back.drain, *self.numbered(back.hops))
         )

@@ -56,7 +56,7 @@ def set_components(constants: Any, world: World) -> None:
     for own, drones in zip(constants.types, world.scenario.fleet, strict=True):
         own.scan = _scan(drones.admission, world)
         if drones.battery is not None:
-            own.drained_us, own.lasts_us = _energy(drones.battery, world, flights)
+            own.drain_of, own.lasts_us = _energy(drones.battery, world, flights)
     for radio, links in zip(constants.radios, world.links, strict=True):
         radio.divide = _method(links.radio.sharing, "divide", world)
     constants.pay = _pay(world)
@@ -99,9 +99,10 @@ def _pay(world: World) -> Callable[..., None]:
         return pay
 
     def pay_by_observation(constants: Any, state: Any) -> None:
-        asked = tuple(state.asked)
+        requests = tuple(state.asked)
         state.named_terms = [
-            reward.terms(seen, asked, world.facts_of(seen.drone)) for seen in state.observed()
+            reward.terms(observation, requests, world.facts_of(observation.drone))
+            for observation in state.observed()
         ]
         if state.share != 1.0:
             state.named_terms = [
@@ -131,7 +132,7 @@ def _describe(world: World) -> Callable[..., None]:
 def _energy(
     energy: Energy, world: World, flights: Mapping[int, Transit]
 ) -> tuple[Callable[..., int], Callable[..., int]]:
-    """Return the functions ``drained_us`` and ``lasts_us`` of an energy model.
+    """Return the functions ``drain_of`` and ``lasts_us`` of an energy model.
 
     One that does not work on rows is given ``flights``: the transits by the identities of their
     rows.
@@ -140,15 +141,15 @@ def _energy(
         drains, lasts = (_method(energy, name, world) for name in ("drains", "lasts"))
         return (
             lambda own, transit, elapsed_us: drains(transit, elapsed_us),
-            lambda own, transit, battery_us: lasts(transit, battery_us),
+            lambda own, transit, charge: lasts(transit, charge),
         )
 
     def flight(transit: Any) -> Transit:
         return flights.get(id(transit)) or transit_of(transit)
 
     return (
-        lambda own, transit, elapsed_us: energy.drained_us(flight(transit), elapsed_us),
-        lambda own, transit, battery_us: energy.lasts_us(flight(transit), battery_us),
+        lambda own, transit, elapsed_us: energy.drain_of(flight(transit), elapsed_us),
+        lambda own, transit, charge: energy.lasts_us(flight(transit), charge),
     )
 
 

@@ -84,12 +84,12 @@ class Simulation(Engine):
     def _constants(self) -> Constants:
         """Return the constants, with plans and functions."""
         world = self.world
-        made: Any = constants_of(world, self.settings)
-        made.plans = Plans(world.planners, world.grid)
-        made.hops = made.plans.hops
-        self._skies.set_functions(made, lambda: self.state)
-        set_components(made, world)
-        constants: Constants = made
+        row: Any = constants_of(world, self.settings)
+        row.plans = Plans(world.planners, world.grid)
+        row.hops = row.plans.hops
+        self._skies.set_functions(row, lambda: self.state)
+        set_components(row, world)
+        constants: Constants = row
         return constants
 
     def _state(self) -> LiveState:
@@ -202,23 +202,23 @@ class Simulation(Engine):
 
     def _path(self, path: SamplePath) -> Path:
         """Return a sample path as a row."""
-        made: Any = blank(Path)
+        row: Any = blank(Path)
         requests, walks = path.requests, path.walks
         if requests is not self._asks[0]:
             asks = Table(map(maker_of(Ask), requests.rows[:, :DRAWN].tolist()))
             drawn = Table(requests.rows[:, DRAWN:].reshape(-1).tolist())
             self._asks = requests, asks, drawn
-        _, made.asks, made.drawn = self._asks
-        made.asks_at = Table(requests.offsets.tolist())
-        made.legs = np.ascontiguousarray(walks.legs, float).reshape(-1).view(Numbers)
-        made.legs_at = np.ascontiguousarray(walks.offsets, np.int64).view(Numbers)
-        made.link_key = np.ascontiguousarray(path.link_key).view(np.int64).view(Numbers)
-        made.after_previous = int(requests.after_previous)
-        made.respawns = Table(path.respawn.reshape(-1).tolist())
-        made.respawns_drawn = path.respawn.shape[1]
+        _, row.asks, row.drawn = self._asks
+        row.asks_at = Table(requests.offsets.tolist())
+        row.legs = np.ascontiguousarray(walks.legs, float).reshape(-1).view(Numbers)
+        row.legs_at = np.ascontiguousarray(walks.offsets, np.int64).view(Numbers)
+        row.link_key = np.ascontiguousarray(path.link_key).view(np.int64).view(Numbers)
+        row.after_previous = int(requests.after_previous)
+        row.respawns = Table(path.respawn.reshape(-1).tolist())
+        row.respawns_drawn = path.respawn.shape[1]
         if path.position_error is not None:
-            made.errors = Table(np.asarray(path.position_error).reshape(-1).tolist())
-        own: Path = made
+            row.errors = Table(np.asarray(path.position_error).reshape(-1).tolist())
+        own: Path = row
         return own
 
     # ---- access to the rows

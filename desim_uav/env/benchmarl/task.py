@@ -12,7 +12,7 @@ from torchrl.data import Categorical, Composite
 from torchrl.envs import EnvBase, ObservationNorm, Transform
 
 from desim_uav.env.configure import Source, WorldSeed
-from desim_uav.env.tasks import Change, Curriculum
+from desim_uav.env.tasks import Curriculum, TaskChange
 from desim_uav.env.torchrl import GROUP, UavTorchEnv
 from desim_uav.policies.mlp import scaling_of
 
@@ -38,14 +38,14 @@ class UavTask(TaskClass):  # type: ignore[misc]
         world_seed: WorldSeed = "scenario",
         threads: int = 1,
         render_mode: str | None = None,
-        curriculum: Curriculum | Sequence[Change] | None = None,
+        curriculum: Curriculum | Sequence[TaskChange] | None = None,
     ) -> Self:
         """Return the task of a scenario: a file, a shipped name, a mapping or a Scenario.
 
         ``config`` are changes to it, such as another observation or reward. The parameters are
         those of ``UavTorchEnv``, which raises the errors when an experiment makes environments.
         """
-        given = {
+        settings = {
             "scenario": scenario,
             "config": dict(config or {}),
             "world_seed": world_seed,
@@ -54,7 +54,7 @@ class UavTask(TaskClass):  # type: ignore[misc]
             "curriculum": curriculum,
         }
         name = scenario if isinstance(scenario, str) else getattr(scenario, "name", "scenario")
-        return cls(str(name), given)
+        return cls(str(name), settings)
 
     @staticmethod
     def env_name() -> str:
@@ -67,13 +67,13 @@ class UavTask(TaskClass):  # type: ignore[misc]
         """Return a function that makes a batch of ``num_envs`` environments."""
         first = None if seed is None else FIRST_SEED + seed * num_envs
 
-        def made() -> EnvBase:
+        def make() -> EnvBase:
             env = UavTorchEnv(num_envs=num_envs, seed=first, device=device, **self.config)
             env.vector.sessions[0].scenario.require_cells("a task of BenchMARL")
             env.vector.sessions[0].tasks.require_one_discount("BenchMARL")
             return env
 
-        return made
+        return make
 
     def supports_continuous_actions(self) -> bool:
         """Return False: actions are discrete."""

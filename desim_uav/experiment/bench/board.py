@@ -31,7 +31,7 @@ HEADINGS = (
 )
 
 
-def board(found: Sequence[Submission]) -> list[dict[str, Any]]:
+def board(submissions: Sequence[Submission]) -> list[dict[str, Any]]:
     """Return a table for each task and track of these submissions, and one for several tasks.
 
     Each row has the measures of a policy; the best score is first. Raises PolicyError if two
@@ -40,7 +40,7 @@ def board(found: Sequence[Submission]) -> list[dict[str, Any]]:
     tables = []
     for track in TRACKS:
         here = [
-            (name, [s for s in found if (s.task.name, s.track.name) == (name, track)])
+            (name, [s for s in submissions if (s.task.name, s.track.name) == (name, track)])
             for name in tasks()
         ]
         of_tasks = [_of_task(name, track, those) for name, those in here if those]
@@ -97,7 +97,7 @@ def _row(submission: Submission, reference: dict[int, float]) -> dict[str, Any]:
         for row in rows
         if row["seed"] in reference and row["qoe3_at_most_percent"] is not None
     ]
-    given = _by_training([one for one in scores if one is not None], trainings)
+    matrix = _by_training([one for one in scores if one is not None], trainings)
     whole = None not in scores and len(scores) == len(rows)
     return {
         "policy": about.name,
@@ -106,8 +106,8 @@ def _row(submission: Submission, reference: dict[int, float]) -> dict[str, Any]:
         "trainings": trainings if is_trained else None,
         "training_steps": about.training_steps,
         "seeds": len(rows) // trainings,
-        "score": interquartile_mean([given]) if whole else None,
-        "scores": given,
+        "score": interquartile_mean([matrix]) if whole else None,
+        "scores": matrix,
         **{name: _quartiles(rows, name, trainings) for name in QUARTILES},
         **{name: _mean(rows, name) for name in MEANS},
     }
@@ -216,17 +216,17 @@ def _name(row: dict[str, Any]) -> str:
     return f"{escaped.markdown(row['policy'])}{mark}"
 
 
-def _cell(found: Interval | None, digits: int) -> str:
-    if found is None:
+def _cell(interval: Interval | None, digits: int) -> str:
+    if interval is None:
         return "-"
-    value = f"{found.value:.{digits}f}"
-    if found.low is None or found.high is None:
+    value = f"{interval.value:.{digits}f}"
+    if interval.low is None or interval.high is None:
         return value
-    return f"{value} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+    return f"{value} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
 
 
-def _of(count: int | None, asked: int) -> str:
-    return "-" if count is None else f"{count} of {asked}" if count < asked else str(count)
+def _of(count: int | None, total: int) -> str:
+    return "-" if count is None else f"{count} of {total}" if count < total else str(count)
 
 
 def _number(value: float | None, digits: int) -> str:

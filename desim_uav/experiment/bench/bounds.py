@@ -9,7 +9,7 @@ import csv
 from functools import cache
 
 from desim_uav.errors import DesimError
-from desim_uav.experiment.bench.tasks import EPISODES, Task, Track
+from desim_uav.experiment.bench.tasks import EPISODES, BenchTrack, Task
 from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.shipped import bench_folder
 
@@ -21,7 +21,7 @@ CLOSE = 1e-6
 """The difference in percent that two computations of a bound may have on different machines."""
 
 
-def has_bound(task: Task, track: Track) -> bool:
+def has_bound(task: Task, track: BenchTrack) -> bool:
     """Return whether the bound of QoE3 is proven for the model of a task."""
     try:
         refuse_other_models(task.scenario(track), several_types=True)
@@ -30,13 +30,13 @@ def has_bound(task: Task, track: Track) -> bool:
     return True
 
 
-def bound_of(task: Task, track: Track, seed: int) -> float | None:
+def bound_of(task: Task, track: BenchTrack, seed: int) -> float | None:
     """Return the upper bound of QoE3 for all policies, in percent; None if none is proven."""
-    known = kept().get((task.name, track.name, seed))
-    return compute(task, track, seed) if known is None else known
+    bound = kept().get((task.name, track.name, seed))
+    return compute(task, track, seed) if bound is None else bound
 
 
-def compute(task: Task, track: Track, seed: int) -> float | None:
+def compute(task: Task, track: BenchTrack, seed: int) -> float | None:
     """Return the same without looking at the kept ones."""
     if not has_bound(task, track):
         return None
@@ -45,7 +45,7 @@ def compute(task: Task, track: Track, seed: int) -> float | None:
 
     world = build_world(task.scenario(track), track.world_of(seed))
     rounds = ROUNDS.get(task.family, bound.ROUNDS)
-    return 100.0 * bound.Run(world, seed, EPISODES, rounds).qoe3()
+    return 100.0 * bound.BoundedRun(world, seed, EPISODES, rounds).qoe3()
 
 
 @cache

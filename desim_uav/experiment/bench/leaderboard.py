@@ -24,12 +24,12 @@ class Leaderboard:
     tables: Sequence[dict[str, Any]]
 
     @classmethod
-    def of(cls, found: Sequence[Submission]) -> Leaderboard:
+    def of(cls, submissions: Sequence[Submission]) -> Leaderboard:
         """Return the leaderboard of submissions.
 
         Raises PolicyError if two in a task and track have the same name.
         """
-        return cls(board(found))
+        return cls(board(submissions))
 
     def content(self) -> list[dict[str, Any]]:
         """Return the tables as plain data."""

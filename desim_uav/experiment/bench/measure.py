@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from desim_uav import qoe
 from desim_uav.engine.episode import Engine
 from desim_uav.experiment.bench.bounds import bound_of
-from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, Task, Track
+from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, BenchTrack, Task
 from desim_uav.experiment.evaluate import measures_of
 from desim_uav.experiment.run import Results, counted, headline, run
 from desim_uav.model.random.streams import Streams
@@ -26,7 +26,7 @@ from desim_uav.policies.base import as_seen, decide_by, show
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
-Commands = NDArray[np.int8]
+TimedCommands = NDArray[np.int8]
 """Of a seed: (episodes, steps, drones), indices of actions; NONE where no step was taken."""
 
 NONE = -1
@@ -50,7 +50,7 @@ class Measured:
     """What a policy achieved on a seed, and its commands."""
 
     row: dict[str, Any]
-    commands: Commands
+    commands: TimedCommands
 
 
 class Recorder:
@@ -91,7 +91,7 @@ class Recorder:
         self.episodes[-1].append(commands)
         return commands
 
-    def commands(self, steps: int, drones: int) -> Commands:
+    def commands(self, steps: int, drones: int) -> TimedCommands:
         """Return all commands so far."""
         noted = np.full((len(self.episodes), steps, drones), NONE, np.int8)
         for episode, rows in enumerate(self.episodes):
@@ -108,7 +108,7 @@ class Recorder:
 class Replayer:
     """Gives the commands of a submission again. Raises ValueError where there is none."""
 
-    def __init__(self, commands: Commands, ceiling: bool) -> None:
+    def __init__(self, commands: TimedCommands, ceiling: bool) -> None:
         self._commands, self.ceiling = commands, ceiling
         self._episode = -1
 
@@ -125,7 +125,7 @@ class Replayer:
         return command
 
 
-def measure(task: Task, track: Track, policy: str, seed: int) -> Measured:
+def measure(task: Task, track: BenchTrack, policy: str, seed: int) -> Measured:
     """Run a policy on a seed by the protocol, and compute the bound of the run."""
     recorder = Recorder(load_policy(policy))
     world, results = _run(task, track, seed, recorder, policy)
@@ -142,12 +142,12 @@ def measure(task: Task, track: Track, policy: str, seed: int) -> Measured:
 
 
 def replay(
-    task: Task, track: Track, seed: int, commands: Commands, ceiling: bool
+    task: Task, track: BenchTrack, seed: int, commands: TimedCommands, ceiling: bool
 ) -> dict[str, Any]:
     """Give the commands of a submission again, and return its row without times and bounds."""
     world, results = _run(task, track, seed, Replayer(commands, ceiling), "the submission")
-    found = measures(results, world.scenario)
-    return {"world_seed": world.seed, **found, "digest": digest(results)}
+    values = measures(results, world.scenario)
+    return {"world_seed": world.seed, **values, "digest": digest(results)}
 
 
 def replayed(scenario: Scenario) -> tuple[str, ...]:
@@ -157,10 +157,10 @@ def replayed(scenario: Scenario) -> tuple[str, ...]:
 
 def measures(results: Results, scenario: Scenario) -> dict[str, float | None]:
     """Return the measures of the counted episodes of a run."""
-    found: dict[str, Any] = headline(results.requests, results.episodes)
-    found["crashes_per_drone_episode"] = found["crashes"] / (EPISODES * scenario.drone_count)
-    found["worst_tenth_qoe1_percent"] = worst_tenth(counted(results.requests))
-    return {name: found[name] for name in replayed(scenario)}
+    values: dict[str, Any] = headline(results.requests, results.episodes)
+    values["crashes_per_drone_episode"] = values["crashes"] / (EPISODES * scenario.drone_count)
+    values["worst_tenth_qoe1_percent"] = worst_tenth(counted(results.requests))
+    return {name: values[name] for name in replayed(scenario)}
 
 
 def worst_tenth(requests: pd.DataFrame) -> float | None:
@@ -172,17 +172,19 @@ def worst_tenth(requests: pd.DataFrame) -> float | None:
 
 def digest(results: Results) -> str:
     """Return a SHA-256 of a run: of its requests and of the drones' states after each step."""
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for name, columns in DIGESTED.items():
         frame = getattr(results, name)
         for column in columns:
             values = frame[column].to_numpy(dtype=np.float64, na_value=np.nan)
-            found.update(f"{name}.{column}:{len(values)};".encode())
-            found.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
-    return found.hexdigest()
+            sha256.update(f"{name}.{column}:{len(values)};".encode())
+            sha256.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
+    return sha256.hexdigest()
 
 
-def _run(task: Task, track: Track, seed: int, policy: Policy, name: str) -> tuple[World, Results]:
+def _run(
+    task: Task, track: BenchTrack, seed: int, policy: Policy, name: str
+) -> tuple[World, Results]:
     scenario = as_seen(task.scenario(track), policy).model_copy(update={"seed": seed})
     world = build_world(scenario, scenario.effective_world_seed)
     return world, run(world, policy, name, seed, EPISODES, WARMUP, engine=ENGINE)

@@ -32,18 +32,18 @@ def figure(tables: Sequence[dict[str, Any]]) -> Figure:
     """
     from desim_uav.report.figures.profile import profile_figure
 
-    found = panels(tables)
-    if not found:
+    curves = panels(tables)
+    if not curves:
         raise PolicyError(
             "there is no profile, because no policy has a score; scores need the baseline among "
             "the submissions, and a task with a proven bound"
         )
-    return profile_figure(found)
+    return profile_figure(curves)
 
 
 def panels(tables: Sequence[dict[str, Any]]) -> list[Panel]:
     """Return the curves of each track, of the policies that have a score in all of its tasks."""
-    found = []
+    pictures = []
     for track in dict.fromkeys(table["track"] for table in tables):
         table = [each for each in tables if each["track"] == track][-1]
         names = table.get("tasks") or [table["task"]]
@@ -53,14 +53,14 @@ def panels(tables: Sequence[dict[str, Any]]) -> list[Panel]:
             if row["score"] is not None and row.get("tasks", 1) == len(names)
         ]
         if rows:
-            found.append(Panel(_title(track, names), list(map(_curve, rows))))
-    return found
+            pictures.append(Panel(_title(track, names), list(map(_curve, rows))))
+    return pictures
 
 
 def shares(strata: Sequence[Floats], scores: Floats) -> Floats:
     """Return the share of runs that reach each score; each task counts the same."""
-    reached = [(stratum[..., None, :] >= scores[:, None]).mean(axis=-1) for stratum in strata]
-    return np.asarray(np.mean(reached, axis=0), dtype=float)
+    shares_of = [(stratum[..., None, :] >= scores[:, None]).mean(axis=-1) for stratum in strata]
+    return np.asarray(np.mean(shares_of, axis=0), dtype=float)
 
 
 def _curve(row: dict[str, Any]) -> Curve:

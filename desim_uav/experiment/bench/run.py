@@ -12,7 +12,15 @@ from typing import Any
 from desim_uav.errors import UsageError
 from desim_uav.experiment.bench import submission
 from desim_uav.experiment.bench.measure import Measured, measure
-from desim_uav.experiment.bench.tasks import BENCHMARK, ENGINE, EPISODES, STEPS, WARMUP, Task, Track
+from desim_uav.experiment.bench.tasks import (
+    BENCHMARK,
+    ENGINE,
+    EPISODES,
+    STEPS,
+    WARMUP,
+    BenchTrack,
+    Task,
+)
 from desim_uav.experiment.compare import out_of_place, try_on
 from desim_uav.experiment.interrupt import undisturbed
 from desim_uav.experiment.processes import run_each
@@ -20,7 +28,7 @@ from desim_uav.experiment.provenance import clock, versions
 from desim_uav.model.observations import information_of
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import as_seen, file_of
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.schema import Scenario
 
 OWN_KNOWLEDGE = {
@@ -51,7 +59,7 @@ class Submitted:
 
 def check(
     task: Task,
-    track: Track,
+    track: BenchTrack,
     policies: Sequence[str],
     seeds: Sequence[int],
     training_steps: int | None = None,
@@ -67,9 +75,9 @@ def check(
     for policy in policies:
         load_policy(policy)  # before the engine is loaded, which takes seconds
     about(task, track, policies)
-    scenario, named = task.scenario(track), {policy: policy for policy in policies}
-    try_on(scenario, named, seeds, ENGINE)
-    return out_of_place(scenario, named, seeds)
+    scenario, by_name = task.scenario(track), {policy: policy for policy in policies}
+    try_on(scenario, by_name, seeds, ENGINE)
+    return out_of_place(scenario, by_name, seeds)
 
 
 def within_budget(task: Task, training_steps: int | None) -> None:
@@ -82,9 +90,9 @@ def within_budget(task: Task, training_steps: int | None) -> None:
 
 def submit(
     task: Task,
-    track: Track,
+    track: BenchTrack,
     policy: str | Sequence[str],
-    place: Place,
+    place: RunPlace,
     *,
     name: str | None = None,
     seeds: Sequence[int] = (),
@@ -102,14 +110,14 @@ def submit(
     """
     within_budget(task, training_steps)
     policies = [policy] if isinstance(policy, str) else list(policy)
-    chosen = list(seeds or track.seeds)
+    all_seeds = list(seeds or track.seeds)
     now = clock()
     started = now()
-    said = about(task, track, policies, name)
-    measured, interrupted = _measured(task, track, policies, chosen, jobs, on_run)
+    content = about(task, track, policies, name)
+    measured, interrupted = _measured(task, track, policies, all_seeds, jobs, on_run)
     with suppress(KeyboardInterrupt), undisturbed():  # what has been flown is written
         manifest = {
-            **said,
+            **content,
             **({} if training_steps is None else {"training_steps": training_steps}),
             "seeds": list({one.row["seed"]: None for one in measured}),
             "interrupted": interrupted,
@@ -123,16 +131,16 @@ def submit(
 
 
 def about(
-    task: Task, track: Track, policies: Sequence[str], name: str | None = None
+    task: Task, track: BenchTrack, policies: Sequence[str], name: str | None = None
 ) -> dict[str, Any]:
     """Return the entries of a manifest that do not depend on what was reached.
 
     Raises UsageError if the policies do not all know the same, as those of one algorithm do.
     """
     policy, *others = policies
-    known = _known(policy, task.scenario(track))
+    knowledge = _knowledge(policy, task.scenario(track))
     for other in others:
-        if _known(other, task.scenario(track)) != known:
+        if _knowledge(other, task.scenario(track)) != knowledge:
             raise UsageError(
                 f"--policy {other}: it does not use the same as {policy}; the policies of a "
                 "submission are those of several trainings of one algorithm"
@@ -148,14 +156,14 @@ def about(
         "policy_sha256": policy_sha256(policy),
         **({"policies": listed} if others else {}),
         "name": name or policy,
-        **known,
+        **knowledge,
         "engine": ENGINE,
         "episodes": EPISODES,
         "warmup": WARMUP,
     }
 
 
-def _known(policy: str, scenario: Scenario) -> dict[str, Any]:
+def _knowledge(policy: str, scenario: Scenario) -> dict[str, Any]:
     """Return what a policy uses, and how high its drones may fly."""
     loaded = load_policy(policy)
     return {
@@ -168,8 +176,8 @@ def _known(policy: str, scenario: Scenario) -> dict[str, Any]:
 def information(policy: str, scenario: Scenario) -> str:
     """Return what a policy uses: what it declares, or else what its observation declares."""
     loaded = load_policy(policy)
-    said = getattr(loaded, "information", None) or OWN_KNOWLEDGE.get(policy)
-    return str(said or information_of(as_seen(scenario, loaded).observation))
+    own = getattr(loaded, "information", None) or OWN_KNOWLEDGE.get(policy)
+    return str(own or information_of(as_seen(scenario, loaded).observation))
 
 
 def policy_sha256(policy: str) -> str | None:
@@ -177,16 +185,16 @@ def policy_sha256(policy: str) -> str | None:
     file = file_of(policy)
     if file is None:
         return None
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for each in sorted(file.rglob("*")) if file.is_dir() else [file]:
         if each.is_file():
-            found.update(each.read_bytes())
-    return found.hexdigest()
+            sha256.update(each.read_bytes())
+    return sha256.hexdigest()
 
 
 def _measured(
     task: Task,
-    track: Track,
+    track: BenchTrack,
     policies: Sequence[str],
     seeds: Sequence[int],
     jobs: int,
@@ -194,21 +202,21 @@ def _measured(
 ) -> tuple[list[Measured], bool]:
     """Return what was measured, training by training, and whether Ctrl-C has ended it early."""
     runs = [(number, seed) for seed in seeds for number in range(len(policies))]
-    done: dict[tuple[int, int], Measured] = {}
+    measured_of: dict[tuple[int, int], Measured] = {}
     interrupted = False
     try:
         tasks = [(task, track, policies[number], seed) for number, seed in runs]
         with closing(run_each(measure, tasks, jobs)) as ended:
             for run, measured in ended:
-                done[runs[run]] = measured
+                measured_of[runs[run]] = measured
                 on_run()
     except KeyboardInterrupt:
         interrupted = True
-    whole = [seed for seed in seeds if all((n, seed) in done for n in range(len(policies)))]
+    whole = [seed for seed in seeds if all((n, seed) in measured_of for n in range(len(policies)))]
     if not whole:
         raise KeyboardInterrupt
     return [
-        replace(done[n, seed], row={submission.TRAINING: n} | done[n, seed].row)
+        replace(measured_of[n, seed], row={submission.TRAINING: n} | measured_of[n, seed].row)
         for n in range(len(policies))
         for seed in whole
     ], interrupted

@@ -62,15 +62,15 @@ def interquartile_mean(strata: Sequence[ArrayLike]) -> Interval:
 def resampled(arrays: Sequence[Floats], resamples: int = RESAMPLES) -> list[Floats]:
     """Return values drawn again of each task's array (trainings, seeds): (resamples, values)."""
     rng = np.random.default_rng(SEED)
-    drawn = []
+    samples = []
     for array in arrays:
         trainings, seeds = (
             rng.integers(many, size=(resamples, many)) if many > 1 else np.zeros((1, 1), int)
             for many in array.shape
         )
         runs = array[trainings[:, :, None], seeds[:, None, :]]
-        drawn.append(np.broadcast_to(runs, (resamples, *array.shape)).reshape(resamples, -1))
-    return drawn
+        samples.append(np.broadcast_to(runs, (resamples, *array.shape)).reshape(resamples, -1))
+    return samples
 
 
 def _iqm(values: Floats) -> Any:

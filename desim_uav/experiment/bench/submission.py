@@ -21,18 +21,18 @@ from pydantic import Field, model_validator
 from desim_uav.array_file import Stored, pack
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.bench.measure import NONE, Commands, Measured, replayed
+from desim_uav.experiment.bench.measure import NONE, Measured, TimedCommands, replayed
 from desim_uav.experiment.bench.tasks import (
     BENCHMARK,
     TRACKS,
+    BenchTrack,
     Task,
-    Track,
     find_task,
     find_track,
 )
 from desim_uav.report.json_file import Form, read_json
 from desim_uav.rowcode.regular_file import text_of
-from desim_uav.run_folder import Place
+from desim_uav.run_folder import RunPlace
 
 FORMAT, TRAINED_FORMAT = 1, 2
 """The formats of a submission of one policy, and of the policies of several trainings."""
@@ -43,15 +43,15 @@ TRAINING = "training"
 WHOLE, WORDS = ("seed", "world_seed"), ("digest",)
 LAST = ("qoe3_at_most_percent", "decision_ms")
 
-Text = Annotated[str, Field(max_length=10_000)]
+SubmissionText = Annotated[str, Field(max_length=10_000)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 class OfTraining(Form):
     """The policy of a training."""
 
-    policy: Text
-    policy_sha256: Text | None
+    policy: SubmissionText
+    policy_sha256: SubmissionText | None
 
 
 class About(Form):
@@ -62,18 +62,18 @@ class About(Form):
 
     format: Literal[1, 2]
     benchmark: Literal["uav-v1"]
-    task: Text
-    track: Text
-    scenario_hash: Text
-    policy: Text
-    policy_sha256: Text | None
+    task: SubmissionText
+    track: SubmissionText
+    scenario_hash: SubmissionText
+    policy: SubmissionText
+    policy_sha256: SubmissionText | None
     policies: Annotated[list[OfTraining], Field(min_length=1, max_length=100)] | None = None
     training_steps: Seed | None = None
-    name: Text
-    information: Text
+    name: SubmissionText
+    information: SubmissionText
     knows_future: bool
     ceiling: bool
-    engine: Text
+    engine: SubmissionText
     episodes: Seed
     warmup: Seed
     seeds: Annotated[list[Seed], Field(min_length=1, max_length=1000)]
@@ -106,12 +106,12 @@ class Submission:
     folder: Path
     about: About
     task: Task
-    track: Track
+    track: BenchTrack
     rows: Sequence[Mapping[str, Any]]
-    commands: Sequence[Commands]
+    commands: Sequence[TimedCommands]
 
 
-def write(place: Place, manifest: dict[str, Any], measured: Sequence[Measured]) -> Path:
+def write(place: RunPlace, manifest: dict[str, Any], measured: Sequence[Measured]) -> Path:
     """Write the folder of a submission completely or not at all, and return its place."""
     commands = np.stack([one.commands for one in measured])
     form = {"format": FORMAT, "seeds": manifest["seeds"]}
@@ -213,7 +213,7 @@ def _value(name: str, text: str | None) -> Any:
     return value
 
 
-def _read_commands(folder: Path, about: About, task: Task) -> list[Commands]:
+def _read_commands(folder: Path, about: About, task: Task) -> list[TimedCommands]:
     file = folder / COMMANDS
     verify(file)
     stored = Stored(file, "file of commands", ["commands"], FORMAT)
@@ -234,6 +234,6 @@ def _read_commands(folder: Path, about: About, task: Task) -> list[Commands]:
     return list(commands)
 
 
-def place_of(task: Task, track: Track, name: str, out: Path | None) -> Place:
+def place_of(task: Task, track: BenchTrack, name: str, out: Path | None) -> RunPlace:
     """Return the folder of a submission: ``out``, or one in ``runs``."""
-    return Place(out, f"{BENCHMARK}-{task.family}-{task.size}-{track.name}-{name}")
+    return RunPlace(out, f"{BENCHMARK}-{task.family}-{task.size}-{track.name}-{name}")

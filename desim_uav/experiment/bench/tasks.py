@@ -35,7 +35,7 @@ STEPS = {"small": 1_000_000, "medium": 3_000_000, "large": 10_000_000}
 
 
 @dataclass(frozen=True)
-class Track:
+class BenchTrack:
     """Which worlds a policy is evaluated in.
 
     ``seeds`` draw the walks and requests, and the worlds too unless there is a ``world_seed``.
@@ -52,8 +52,12 @@ class Track:
 
 
 TRACKS = {
-    "one": Track("one", 0, range(100, 100 + SEEDS), "world 0, in which policies may be trained"),
-    "any": Track("any", None, WORLDS["test"][:SEEDS], "test worlds, in which none was trained"),
+    "one": BenchTrack(
+        "one", 0, range(100, 100 + SEEDS), "world 0, in which policies may be trained"
+    ),
+    "any": BenchTrack(
+        "any", None, WORLDS["test"][:SEEDS], "test worlds, in which none was trained"
+    ),
 }
 
 
@@ -80,42 +84,42 @@ class Task:
         """The first comment of the scenario file."""
         return self.path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
 
-    def scenario(self, track: Track) -> Scenario:
+    def scenario(self, track: BenchTrack) -> Scenario:
         """Return the scenario of a track. Raises ScenarioError if the file has been edited."""
-        loaded = load(self.path)
-        found = scenario_hash(loaded)
-        if found != self.scenario_hash:
+        scenario = load(self.path)
+        digest = scenario_hash(scenario)
+        if digest != self.scenario_hash:
             raise ScenarioError(
                 f"{self.path}: the scenario of {self.name} is frozen and has been changed: its "
-                f"hash is {found}, but the registry has {self.scenario_hash}"
+                f"hash is {digest}, but the registry has {self.scenario_hash}"
             )
-        return loaded.model_copy(update={"world_seed": track.world_seed})
+        return scenario.model_copy(update={"world_seed": track.world_seed})
 
 
 @cache
 def tasks() -> dict[str, Task]:
     """Return all tasks by their whole names."""
     hashes = json.loads((bench_folder() / "registry.json").read_text(encoding="utf-8"))
-    found = [
+    registry = [
         Task(family, size, hashes[f"{family}-{size}"]) for family in FAMILIES for size in SIZES
     ]
-    return {task.name: task for task in found}
+    return {task.name: task for task in registry}
 
 
 def find_task(name: str) -> Task:
     """Return the task of a name; its size may be left out. Raises UsageError."""
-    known = tasks()
+    task_of = tasks()
     for candidate in (name, f"{name}/{USUAL}"):
-        if candidate in known:
-            return known[candidate]
-    names = [*known, *(f"{BENCHMARK}/{family}" for family in FAMILIES)]
+        if candidate in task_of:
+            return task_of[candidate]
+    names = [*task_of, *(f"{BENCHMARK}/{family}" for family in FAMILIES)]
     raise UsageError(
         f"{name}: unknown task{did_you_mean(name, names)}; a task is "
         f"{BENCHMARK}/{'|'.join(FAMILIES)}, and /{'|/'.join(SIZES)} may follow"
     )
 
 
-def find_track(name: str) -> Track:
+def find_track(name: str) -> BenchTrack:
     """Return the track of a name. Raises UsageError."""
     if name not in TRACKS:
         raise UsageError(

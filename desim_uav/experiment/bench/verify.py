@@ -14,10 +14,10 @@ import numpy as np
 
 from desim_uav.errors import DesimError
 from desim_uav.experiment.bench.bounds import CLOSE, bound_of
-from desim_uav.experiment.bench.measure import Commands, measure, replay
+from desim_uav.experiment.bench.measure import TimedCommands, measure, replay
 from desim_uav.experiment.bench.run import about
 from desim_uav.experiment.bench.submission import Submission
-from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, Task, Track
+from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, BenchTrack, Task
 from desim_uav.experiment.processes import run_each
 
 FIXED = {"engine": ENGINE, "episodes": EPISODES, "warmup": WARMUP}
@@ -26,7 +26,7 @@ BOUND = "qoe3_at_most_percent"
 
 
 def differences(
-    found: Submission,
+    submission: Submission,
     *,
     decide: bool = False,
     jobs: int = 1,
@@ -37,28 +37,28 @@ def differences(
     With ``decide`` its policy is loaded and decides again as well. Raises DesimError if the policy
     cannot be loaded.
     """
-    task, track = found.task, found.track
-    listed = _of_protocol(found) + (_of_policy(found) if decide else [])
+    task, track = submission.task, submission.track
+    listed = _of_protocol(submission) + (_of_policy(submission) if decide else [])
     if any(line.startswith(tuple(FIXED)) for line in listed):
         return listed  # other runs would be replayed
-    policies = [each.policy if decide else None for each in found.about.trainings]
+    policies = [each.policy if decide else None for each in submission.about.trainings]
     work = [
-        (task, track, row, commands, found.about.ceiling, policies[row["training"]])
-        for row, commands in zip(found.rows, found.commands, strict=True)
+        (task, track, row, commands, submission.about.ceiling, policies[row["training"]])
+        for row, commands in zip(submission.rows, submission.commands, strict=True)
     ]
     lines: dict[int, list[str]] = {}
     with closing(run_each(of_seed, work, jobs)) as ended:
-        for number, said in ended:
-            lines[number] = said
+        for number, lines_of_run in ended:
+            lines[number] = lines_of_run
             on_run()
     return listed + [line for number in sorted(lines) for line in lines[number]]
 
 
 def of_seed(
     task: Task,
-    track: Track,
+    track: BenchTrack,
     row: Mapping[str, Any],
-    commands: Commands,
+    commands: TimedCommands,
     ceiling: bool,
     policy: str | None = None,
 ) -> list[str]:
@@ -69,60 +69,62 @@ def of_seed(
         again = replay(task, track, seed, commands, ceiling)
     except DesimError as error:
         return [f"{run}: the commands cannot be replayed: {error}"]
-    said = [
+    lines = [
         f"{run}: {name}: the folder has {_words(row[name])}, the replay {_words(value)}"
         for name, value in again.items()
         if row[name] != value
     ]
-    said += [f"{run}: {line}" for line in _of_bound(task, track, row)]
+    lines += [f"{run}: {line}" for line in _of_bound(task, track, row)]
     if policy is not None:
         now = measure(task, track, policy, seed).commands
         if not np.array_equal(now, commands):
             episode, step, drone = (int(each[0]) for each in np.nonzero(now != commands))
-            said.append(
+            lines.append(
                 f"{run}: commands: the policy decides otherwise, first in episode "
                 f"{episode - WARMUP}, step {step}, for drone {drone}"
             )
-    return said
+    return lines
 
 
-def _of_bound(task: Task, track: Track, row: Mapping[str, Any]) -> Sequence[str]:
-    bound, given = bound_of(task, track, row["seed"]), row[BOUND]
-    if (bound is None) is not (given is None) or (bound is not None and abs(bound - given) > CLOSE):
-        return [f"{BOUND}: the folder has {_words(given)}, the task {_words(bound)}"]
+def _of_bound(task: Task, track: BenchTrack, row: Mapping[str, Any]) -> Sequence[str]:
+    bound, value = bound_of(task, track, row["seed"]), row[BOUND]
+    if (bound is None) is not (value is None) or (bound is not None and abs(bound - value) > CLOSE):
+        return [f"{BOUND}: the folder has {_words(value)}, the task {_words(bound)}"]
     if bound is not None and (row["qoe3_percent"] or 0.0) > bound:
         return [f"qoe3_percent: {row['qoe3_percent']!r} exceeds the proven bound {bound!r}"]
     return []
 
 
-def _of_protocol(found: Submission) -> list[str]:
-    said = [
-        f"{name}: the folder has {getattr(found.about, name)!r}, the protocol {value!r}"
+def _of_protocol(submission: Submission) -> list[str]:
+    lines = [
+        f"{name}: the folder has {getattr(submission.about, name)!r}, the protocol {value!r}"
         for name, value in FIXED.items()
-        if getattr(found.about, name) != value
+        if getattr(submission.about, name) != value
     ]
-    foreign = sorted({*found.about.seeds} - {*found.track.seeds})
+    foreign = sorted({*submission.about.seeds} - {*submission.track.seeds})
     if foreign:
-        said.append(f"seeds: {foreign} are not in the track {found.track.name!r}")
-    if len({*found.about.seeds}) < len(found.about.seeds):
-        said.append("seeds: one is there twice")
-    if (found.about.training_steps or 0) > STEPS[found.task.size]:
-        said.append(f"training_steps: more than the {STEPS[found.task.size]:,} of the task")
-    return said
+        lines.append(f"seeds: {foreign} are not in the track {submission.track.name!r}")
+    if len({*submission.about.seeds}) < len(submission.about.seeds):
+        lines.append("seeds: one is there twice")
+    if (submission.about.training_steps or 0) > STEPS[submission.task.size]:
+        lines.append(f"training_steps: more than the {STEPS[submission.task.size]:,} of the task")
+    return lines
 
 
-def _of_policy(found: Submission) -> list[str]:
-    said = []
-    for number, training in enumerate(found.about.trainings):
-        given = {name: getattr(found.about, name) for name in OF_POLICY} | training.model_dump()
-        now = about(found.task, found.track, [training.policy])
-        said += [
-            f"{name}{f' of training {number}' if number else ''}: the folder has {given[name]!r}, "
+def _of_policy(submission: Submission) -> list[str]:
+    lines = []
+    for number, training in enumerate(submission.about.trainings):
+        values = {
+            name: getattr(submission.about, name) for name in OF_POLICY
+        } | training.model_dump()
+        now = about(submission.task, submission.track, [training.policy])
+        lines += [
+            f"{name}{f' of training {number}' if number else ''}: the folder has {values[name]!r}, "
             f"the policy now {now[name]!r}"
             for name in OF_POLICY
-            if given[name] != now[name]
+            if values[name] != now[name]
         ]
-    return said
+    return lines
 
 
 def _words(value: Any) -> str:

@@ -20,7 +20,7 @@ from desim_uav.experiment.gallery import (
     wu_2018,
     zeng,
 )
-from desim_uav.experiment.gallery.row import Row
+from desim_uav.experiment.gallery.row import GalleryRow
 from desim_uav.experiment.progress import progress
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Entry:
     """A paper: how it is cited, its rows, and its figure."""
 
     paper: str
-    rows: Callable[[], Iterator[Row]]
+    rows: Callable[[], Iterator[GalleryRow]]
     draw: Callable[[], Figure] | None = None
 
 
@@ -110,7 +110,7 @@ class Compared:
 
     name: str
     paper: str
-    rows: tuple[Row, ...]
+    rows: tuple[GalleryRow, ...]
 
     def content(self) -> dict[str, Any]:
         """Return it as plain values."""
@@ -124,10 +124,10 @@ def gallery(names: Sequence[str] = (), show_progress: bool = False) -> list[Comp
         if name not in ENTRIES:
             hint = did_you_mean(name, ENTRIES)
             raise UsageError(f"no such paper: {name!r}{hint}; there are {', '.join(ENTRIES)}")
-    chosen = list(dict.fromkeys(names)) or list(ENTRIES)
+    papers = list(dict.fromkeys(names)) or list(ENTRIES)
     compared = []
-    with progress(show_progress, len(chosen), "papers") as advance:
-        for name in chosen:
+    with progress(show_progress, len(papers), "papers") as advance:
+        for name in papers:
             compared.append(Compared(name, ENTRIES[name].paper, tuple(ENTRIES[name].rows())))
             advance()
     return compared
@@ -135,8 +135,12 @@ def gallery(names: Sequence[str] = (), show_progress: bool = False) -> list[Comp
 
 def count(compared: Sequence[Compared]) -> dict[str, int]:
     """Return how many rows hold, how many do not, and how many are open."""
-    found = [row.holds for one in compared for row in one.rows]
-    return {"hold": found.count(True), "fail": found.count(False), "open": found.count(None)}
+    verdicts = [row.holds for one in compared for row in one.rows]
+    return {
+        "hold": verdicts.count(True),
+        "fail": verdicts.count(False),
+        "open": verdicts.count(None),
+    }
 
 
 def summary(compared: Sequence[Compared]) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 
-from desim_uav.experiment.gallery.row import Row, evaluated
+from desim_uav.experiment.gallery.row import GalleryRow, evaluated
 from desim_uav.model.radio.best_altitude import best_coverage, optimal_elevation_deg
 from desim_uav.model.radio.path_loss import ENVIRONMENTS, AlHourani
 from desim_uav.model.radio.rings import ring_m
@@ -31,7 +31,7 @@ def radius_m(model: AlHourani, height_m: float) -> float:
     return ring_m(lambda r: model.mean_db(r, height_m, CARRIER_GHZ), LARGEST_DB)
 
 
-def rows() -> Iterator[Row]:
+def rows() -> Iterator[GalleryRow]:
     """Yield the best elevations, and the tops of the curves of radius over height."""
     for name in ENVIRONMENTS:
         angle = optimal_elevation_deg(AlHourani(name))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.experiment.gallery.row import Row
+from desim_uav.experiment.gallery.row import GalleryRow
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,15 +20,15 @@ EVALUATED = {-10.0: 0.911699, 0.0: 0.560099, 10.0: 0.200050}
 """The share covered by threshold in dB, from the closed form, evaluated apart."""
 
 
-def rows() -> Iterator[Row]:
+def rows() -> Iterator[GalleryRow]:
     """Yield the share of users whose signal-to-interference ratio passes a threshold."""
     ratios = simulated_db()
     for threshold, share in EVALUATED.items():
-        passed = ratios > threshold
-        ours = float(passed.mean())
+        is_covered = ratios > threshold
+        ours = float(is_covered.mean())
         error = math.sqrt(ours * (1.0 - ours) / len(ratios))
         what = f"{threshold:g} dB: share covered ({DROPS:,} drops)"
-        yield Row(what, "closed form for exponent 4, no noise", share, ours, 4.0 * error, 6)
+        yield GalleryRow(what, "closed form for exponent 4, no noise", share, ours, 4.0 * error, 6)
 
 
 @cache
@@ -60,13 +60,13 @@ def draw() -> Figure:
 
     thresholds = [0.5 * k for k in range(-30, 41)]
     ratios = np.sort(simulated_db())
-    passed = 1.0 - np.searchsorted(ratios, thresholds) / len(ratios)
+    shares = 1.0 - np.searchsorted(ratios, thresholds) / len(ratios)
     return lines_figure(
         "Share of users above a signal-to-interference ratio",
         "threshold, dB",
         "share covered",
         [
             Series("closed form", thresholds, [closed_form(t) for t in thresholds]),
-            Series("simulated", thresholds, passed.tolist()),
+            Series("simulated", thresholds, shares.tolist()),
         ],
     )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize  # type: ignore[import-untyped]
 
-from desim_uav.experiment.gallery.row import Row, evaluated
+from desim_uav.experiment.gallery.row import GalleryRow, evaluated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +34,7 @@ OPTIMA = {
 discs on with one in the middle."""
 
 
-def rows() -> Iterator[Row]:
+def rows() -> Iterator[GalleryRow]:
     """Yield the radius of each drone's disc, and the share of the area that all cover."""
     how = "optimum known in closed form"
     for count, optimum in OPTIMA.items():
@@ -56,7 +56,7 @@ def packing(count: int) -> tuple[float, Array]:
         angles = random.uniform(0.0, 2.0 * math.pi, count)
         places = 0.8 * random.uniform(size=count) ** 0.25  # most of them near the edge
         centres = np.column_stack([places * np.cos(angles), places * np.sin(angles)])
-        found = minimize(
+        solution = minimize(
             lambda z: -z[-1],
             np.append(centres, 0.02),
             jac=lambda z: np.append(np.zeros(len(z) - 1), -1.0),
@@ -64,8 +64,8 @@ def packing(count: int) -> tuple[float, Array]:
             method="SLSQP",
             options={"maxiter": 200, "ftol": 1e-10},
         )
-        if found.x[-1] > best[0] and _room(found.x).min() > -1e-9:
-            best = float(found.x[-1]), found.x[:-1].reshape(-1, 2)
+        if solution.x[-1] > best[0] and _room(solution.x).min() > -1e-9:
+            best = float(solution.x[-1]), solution.x[:-1].reshape(-1, 2)
     return best
 
 
@@ -84,13 +84,13 @@ def _room_by_place(z: Array) -> Any:
     count = len(centres)
     one, other = np.triu_indices(count, 1)
     pairs = np.arange(len(one))
-    made = np.zeros((len(one) + count, count, 2))
+    slopes = np.zeros((len(one) + count, count, 2))
     apart = 2.0 * (centres[one] - centres[other])
-    made[pairs, one], made[pairs, other] = apart, -apart
+    slopes[pairs, one], slopes[pairs, other] = apart, -apart
     alone = np.arange(count)
-    made[len(one) + alone, alone] = -2.0 * centres
+    slopes[len(one) + alone, alone] = -2.0 * centres
     by_radius = np.append(np.full(len(one), -8.0 * radius), np.full(count, -2.0 * (1.0 - radius)))
-    return np.column_stack([made.reshape(len(made), -1), by_radius])
+    return np.column_stack([slopes.reshape(len(slopes), -1), by_radius])
 
 
 def draw() -> Figure:

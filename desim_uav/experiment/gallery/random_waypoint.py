@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.experiment.gallery.row import Row
+from desim_uav.experiment.gallery.row import GalleryRow
 from desim_uav.model.geometry.coverage import T0_US, VX, VY, all_walked
 from desim_uav.model.mobility.random_waypoint import RandomWaypoint
 from desim_uav.model.mobility.walking import Start
@@ -34,7 +34,7 @@ PAUSES_S = (0.0, 120.0)
 Floats = NDArray[np.float64]
 
 
-def decay_rows() -> Iterator[Row]:
+def decay_rows() -> Iterator[GalleryRow]:
     """Yield mean speeds of users who begin at uniform places with a walk, at first and at last."""
     for speeds, mean in EVALUATED.items():
         walks = walked(speeds, (0.0, 0.0), "home")
@@ -44,7 +44,7 @@ def decay_rows() -> Iterator[Row]:
         yield _row(f"{what} at {LAST_S:g} s", "closed form, evaluated apart", mean, last)
 
 
-def cure_rows() -> Iterator[Row]:
+def cure_rows() -> Iterator[GalleryRow]:
     """Yield what is known of users who begin as in the long run, at first and later."""
     for speeds, mean in EVALUATED.items():
         walks = walked(speeds, (0.0, 0.0), "stationary")
@@ -70,11 +70,11 @@ def cure_rows() -> Iterator[Row]:
         yield _row(what, "density 6 x (1 - x)", ON_A_LINE, away * away)
 
 
-def _row(figure: str, where: str, theirs: float, values: NDArray[np.generic]) -> Row:
+def _row(figure: str, where: str, theirs: float, values: NDArray[np.generic]) -> GalleryRow:
     """Return a row of a mean over users, which are independent of each other."""
-    found = np.asarray(values, float)
-    error = float(found.std(ddof=1)) / math.sqrt(len(found))
-    return Row(figure, where, theirs, float(found.mean()), 4.0 * error, 4)
+    sample = np.asarray(values, float)
+    error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
+    return GalleryRow(figure, where, theirs, float(sample.mean()), 4.0 * error, 4)
 
 
 @cache
@@ -96,10 +96,10 @@ def speeds_at(walks: Walks, t_s: float) -> Floats:
     """Return how fast each user is at a time."""
     legs, offsets = walks
     users = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    begun = legs[:, T0_US] <= t_s * US
-    now = np.bincount(users[begun], minlength=len(offsets) - 1) + offsets[:-1] - 1
-    found: Floats = np.hypot(legs[now, VX], legs[now, VY])
-    return found
+    underway = legs[:, T0_US] <= t_s * US
+    now = np.bincount(users[underway], minlength=len(offsets) - 1) + offsets[:-1] - 1
+    speeds_mps: Floats = np.hypot(legs[now, VX], legs[now, VY])
+    return speeds_mps
 
 
 def lengths_of_ways() -> Floats:
@@ -107,8 +107,8 @@ def lengths_of_ways() -> Floats:
     legs, offsets = walked((1.0, 19.0), (0.0, 0.0), "home")
     second = offsets[:-1] + 1
     lasts_s = (legs[second + 1, T0_US] - legs[second, T0_US]) / US
-    found: Floats = np.hypot(legs[second, VX], legs[second, VY]) * lasts_s
-    return found
+    lengths_m: Floats = np.hypot(legs[second, VX], legs[second, VY]) * lasts_s
+    return lengths_m
 
 
 def draw() -> Figure:

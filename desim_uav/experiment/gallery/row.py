@@ -7,7 +7,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Row:
+class GalleryRow:
     """One figure: what the paper says of it, how that was read, and ours.
 
     It holds if both are at most ``limit`` apart: the reading error, half a unit of the last printed
@@ -49,6 +49,8 @@ class Row:
 
 def evaluated(
     figure: str, where: str, theirs: float, ours: float, digits: int, half_units: float = 1.0
-) -> Row:
+) -> GalleryRow:
     """Return a row whose figure is known to ``digits`` digits after the point."""
-    return Row(figure, where, theirs, ours, half_units * 0.5 * 10.0**-digits * (1 + 1e-9), digits)
+    return GalleryRow(
+        figure, where, theirs, ours, half_units * 0.5 * 10.0**-digits * (1 + 1e-9), digits
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from desim_uav.experiment.gallery.row import Row, evaluated
+from desim_uav.experiment.gallery.row import GalleryRow, evaluated
 from desim_uav.model.radio.link import LinkBudget
 from desim_uav.model.radio.path_loss import LogDistance
 
@@ -15,7 +15,7 @@ BUDGET = LinkBudget(power_dbm=20.0, bandwidth_mhz=1e-6, noise_figure_db=0, noise
 """0.1 W, and noise of -110 dBm in all: the paper gives no density, so the band counts as 1 Hz."""
 
 
-def rows() -> Iterator[Row]:
+def rows() -> Iterator[GalleryRow]:
     """Yield the link to a user right below the drone, and the bound that follows from it."""
     how = "eq. 41 with the numbers of section V"
     snr_db = BUDGET.snr_db(LOSS.los_db(0.0, HEIGHT_M, 2.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from desim_uav.experiment.gallery.row import Row, evaluated
+from desim_uav.experiment.gallery.row import GalleryRow, evaluated
 from desim_uav.model.energy.fixed_wing import FixedWing
 from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, best_speeds, power_w, powers_of
 from desim_uav.model.energy.rotary_wing import RotaryWing
@@ -19,7 +19,7 @@ POWERS_W = {5: 143.608, 10: 126.029, 15: 138.543, 20: 178.296, 25: 248.952, 30: 
 """The power at some speeds in m/s, by the paper's Table I."""
 
 
-def rows() -> Iterator[Row]:
+def rows() -> Iterator[GalleryRow]:
     """Yield powers in a hover and in flight, the best speeds, and the energy of flights."""
     own, first = powers_of(ROTORS["zeng2019"]), powers_of(ROTORS["zeng2018"])
     yield evaluated("blade power P0, W", APART, 79.856280, own.blade_w, 6)
@@ -42,7 +42,7 @@ def rows() -> Iterator[Row]:
     yield evaluated("240 m at 8.3 m/s and 4 m/s², J", "the same, by quadrature", 4061.566, took, 3)
 
 
-def wing_rows() -> Iterator[Row]:
+def wing_rows() -> Iterator[GalleryRow]:
     """Yield the best speeds of the fixed wing."""
     wing = FixedWing()
     best = wing.best_speeds()

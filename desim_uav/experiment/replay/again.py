@@ -54,22 +54,24 @@ def playing_again(show_progress: bool = True, policy: Policy | None = None) -> A
     The function raises NoEventsError if the run cannot be played again.
     """
 
-    def again(run: Run, wanted: Sequence[int]) -> Tables:
-        total = max(wanted) - run.episodes[0] + 1
+    def again(run: Run, numbers: Sequence[int]) -> Tables:
+        total = max(numbers) - run.episodes[0] + 1
         try:
             engine = run.settings.engine
         except PolicyError as error:
             raise NoEventsError(f"{run.folder}: the run kept no events, and {error}") from error
         with progress(show_progress, total, engine=engine) as advance:
-            made = [tables for _, tables in played_again(run, wanted, advance, policy)]
-        return {name: pd.concat([of[name] for of in made], ignore_index=True) for name in IN_TIME}
+            episodes = [tables for _, tables in played_again(run, numbers, advance, policy)]
+        return {
+            name: pd.concat([of[name] for of in episodes], ignore_index=True) for name in IN_TIME
+        }
 
     return again
 
 
 def played_again(
     run: Run,
-    wanted: Sequence[int],
+    numbers: Sequence[int],
     advance: Callable[[], None] = lambda: None,
     policy: Policy | None = None,
 ) -> Generator[tuple[int, Tables]]:
@@ -78,7 +80,7 @@ def played_again(
     Raises NoEventsError if the result differs from the tables in the folder.
     """
     world, episodes = _begin(run, policy)
-    rest = set(wanted)
+    rest = set(numbers)
     with closing(episodes):
         while rest:
             try:
@@ -114,15 +116,15 @@ def _begin(run: Run, policy: Policy | None) -> tuple[World, Generator[Played]]:
 
 def _checked(run: Run, world: World, played: Played) -> Tables:
     """Return the tables of an episode that was played again, if they are those of the folder."""
-    made: Tables = vars(tabulate(world, [played], keep_events=True))
+    replayed: Tables = vars(tabulate(world, [played], keep_events=True))
     episode = played[0].episode
     stored = run.of_episode(episode)
     for name in KEPT:
-        if not _arrow(name, made[name]).equals(_arrow(name, stored[name])):
+        if not _arrow(name, replayed[name]).equals(_arrow(name, stored[name])):
             raise _not_again(
                 run, f"episode {episode}: {name}.parquet differs from what is computed now"
             )
-    return made
+    return replayed
 
 
 def _arrow(name: str, frame: Any) -> pa.Table:

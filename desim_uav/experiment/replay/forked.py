@@ -14,30 +14,30 @@ from desim_uav.report.json_file import Form, read_json
 Number = Annotated[int, Field(ge=0, lt=10**9)]
 
 
-class Told(Form):
+class ForkForm(Form):
     """The entries of ``fork.json`` that are needed to play both branches."""
 
     episode: Number
     episodes: Number
 
 
-class Shown(NamedTuple):
+class ReplayChoice(NamedTuple):
     """What a replay shows: the folders of one run or two, and the episodes, if some are chosen."""
 
     folders: list[Path]
     episodes: str | None
 
 
-def shown_of(run_dir: Path, beside: Path | None, episodes: str | None) -> Shown:
+def shown_of(run_dir: Path, beside: Path | None, episodes: str | None) -> ReplayChoice:
     """Return what to show of a folder: of a counterfactual both branches, from the fork's episode.
 
     Raises UsageError for a third run beside them, and PolicyError if ``fork.json`` is unreadable.
     """
     file = run_dir / FORK_FILE
     if not file.exists():
-        return Shown([run_dir] if beside is None else [run_dir, beside], episodes)
+        return ReplayChoice([run_dir] if beside is None else [run_dir, beside], episodes)
     if beside is not None:
         raise UsageError(f"{run_dir}: it has two branches, so nothing else fits beside them")
-    told = read_json(file, Told, "the description of a fork")
-    since = f"{told['episode']}-{told['episodes'] - 1}"
-    return Shown([run_dir / branch for branch in BRANCHES], episodes or since)
+    about = read_json(file, ForkForm, "the description of a fork")
+    since = f"{about['episode']}-{about['episodes'] - 1}"
+    return ReplayChoice([run_dir / branch for branch in BRANCHES], episodes or since)

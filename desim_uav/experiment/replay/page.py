@@ -25,7 +25,7 @@ BASE64 = 4 / 3
 
 
 @dataclass(frozen=True)
-class Made:
+class ReplayPage:
     """The page of one run or two, its episodes, and those left out because of its size limit."""
 
     content: bytes
@@ -49,7 +49,7 @@ class Made:
 
 
 @dataclass(frozen=True)
-class Written(Made):
+class Written(ReplayPage):
     """A page in a file."""
 
     file: Path
@@ -73,17 +73,17 @@ def write_replay(
     the folder of a counterfactual, both branches are shown.
     Raises as ``make_replay`` does, and UsageError if the page cannot be written.
     """
-    given = [Source.of(run) for run in (run_dir, beside) if run is not None]
-    first, second = given[0].folder, given[1].folder if len(given) > 1 else None
+    sources = [Source.of(run) for run in (run_dir, beside) if run is not None]
+    first, second = sources[0].folder, sources[1].folder if len(sources) > 1 else None
     name = f"replay-{second.resolve().name}.html" if second else "replay.html"
     file = first / name if html is None else html
     place = file_place(file, "" if html is None else "--html")
-    shown = shown_of(first, second, episodes)
-    if shown.folders != [source.folder for source in given]:
-        given = [Source(folder) for folder in shown.folders]
-    made = make_replay(given, shown.episodes, show_progress, most_bytes)
-    write_at(place, made.content)
-    return Written(**vars(made), file=file)
+    choice = shown_of(first, second, episodes)
+    if choice.folders != [source.folder for source in sources]:
+        sources = [Source(folder) for folder in choice.folders]
+    page = make_replay(sources, choice.episodes, show_progress, most_bytes)
+    write_at(place, page.content)
+    return Written(**vars(page), file=file)
 
 
 def make_replay(
@@ -91,7 +91,7 @@ def make_replay(
     episodes: str | None = None,
     show_progress: bool = True,
     most_bytes: int | None = None,
-) -> Made:
+) -> ReplayPage:
     """Make the page of a run, or of two that are played in step.
 
     ``episodes`` is a text such as ``0-9``; by default as many of the counted episodes as fit.
@@ -99,52 +99,52 @@ def make_replay(
     common seeds, and NoEventsError if a run cannot be played again.
     """
     runs = [Run(source.folder) for source in sources]
-    wanted = runs[0].chosen(episodes)
+    numbers = runs[0].chosen(episodes)
     for second in runs[1:]:
-        wanted = common_episodes(runs[0], second, episodes)
+        numbers = common_episodes(runs[0], second, episodes)
     encoders = [Encoder(run) for run in runs]
     blocks: list[tuple[bytes, ...]] = []
     size, limit = 0.0, MOST_BYTES if most_bytes is None else most_bytes
-    total = sum(_to_play(run, wanted) for run in runs)
+    total = sum(_to_play(run, numbers) for run in runs)
     compiled = "batch" if any(run.settings.engine == "batch" for run in runs) else "des"
     with progress(show_progress, total, engine=compiled) as advance, ExitStack() as open_until:
         tables_of = [
-            open_until.enter_context(closing(_tables(run, wanted, advance, source.policy)))
+            open_until.enter_context(closing(_tables(run, numbers, advance, source.policy)))
             for run, source in zip(runs, sources, strict=True)
         ]
         for each in zip(*tables_of, strict=True):
-            made = tuple(
+            episode = tuple(
                 encoder.episode(number, tables)
                 for encoder, (number, tables) in zip(encoders, each, strict=True)
             )
-            size += sum(map(len, made)) * BASE64
+            size += sum(map(len, episode)) * BASE64
             if episodes is None and blocks and size > limit:
                 break
-            blocks.append(made)
-    encoded = wanted[: len(blocks)]
+            blocks.append(episode)
+    encoded = numbers[: len(blocks)]
     columns = zip(encoders, zip(*blocks, strict=True), strict=True)
     content = page(*((encoder.common(encoded), column) for encoder, column in columns))
     again = not all(run.keeps_events for run in runs)
-    return Made(content, encoded, wanted[len(blocks) :], again)
+    return ReplayPage(content, encoded, numbers[len(blocks) :], again)
 
 
-def _to_play(run: Run, wanted: Sequence[int]) -> int:
+def _to_play(run: Run, numbers: Sequence[int]) -> int:
     """Return how many episodes must be read or played to obtain those that are wanted."""
-    return len(wanted) if run.keeps_events else wanted[-1] - run.episodes[0] + 1
+    return len(numbers) if run.keeps_events else numbers[-1] - run.episodes[0] + 1
 
 
 def _tables(
-    run: Run, wanted: list[int], advance: Callable[[], None], policy: Policy | None
+    run: Run, numbers: list[int], advance: Callable[[], None], policy: Policy | None
 ) -> Generator[tuple[int, Tables]]:
     """Return the tables of these episodes, by playing the run again if it kept no events."""
     if run.keeps_events:
-        return _stored(run, wanted, advance)
-    return played_again(run, wanted, advance, policy)
+        return _stored(run, numbers, advance)
+    return played_again(run, numbers, advance, policy)
 
 
 def _stored(
-    run: Run, wanted: list[int], advance: Callable[[], None]
+    run: Run, numbers: list[int], advance: Callable[[], None]
 ) -> Generator[tuple[int, Tables]]:
-    for number in wanted:
+    for number in numbers:
         yield number, run.of_episode(number)
         advance()

@@ -13,22 +13,22 @@ MOST_NAMED = 3
 """The largest number of keys that the message names."""
 
 
-def common_episodes(first: Run, second: Run, asked: str | None) -> list[int]:
+def common_episodes(first: Run, second: Run, text: str | None) -> list[int]:
     """Return the episodes that two runs on common seeds are shown for.
 
-    ``asked`` is a text such as ``0-9``; by default all counted episodes. Raises PolicyError, with
+    ``text`` is a text such as ``0-9``; by default all counted episodes. Raises PolicyError, with
     the values of both, if the runs differ in scenario, seed, world or episodes.
     """
     for what, one, other in _differences(first, second):
         raise _unlike(first, second, f"{what}: {one} and {other}")
-    wanted, others = first.chosen(asked), second.chosen(asked)
-    if wanted != others:
+    numbers, others = first.chosen(text), second.chosen(text)
+    if numbers != others:
         raise _unlike(
             first,
             second,
-            f"episodes: {_span(wanted)} and {_span(others)}; choose common ones with --episodes",
+            f"episodes: {_span(numbers)} and {_span(others)}; choose common ones with --episodes",
         )
-    return wanted
+    return numbers
 
 
 def _differences(first: Run, second: Run) -> Iterator[tuple[str, Any, Any]]:
@@ -37,9 +37,9 @@ def _differences(first: Run, second: Run) -> Iterator[tuple[str, Any, Any]]:
     keys = sorted(key for key in one.keys() | other.keys() if one.get(key) != other.get(key))
     unlike = [key for key in keys if key not in SEEDS]
     if unlike:
-        named = ", ".join(unlike[:MOST_NAMED]) + (", …" if len(unlike) > MOST_NAMED else "")
+        keys_in_words = ", ".join(unlike[:MOST_NAMED]) + (", …" if len(unlike) > MOST_NAMED else "")
         key = unlike[0]
-        yield f"scenario ({named}): {key}", one.get(key), other.get(key)
+        yield f"scenario ({keys_in_words}): {key}", one.get(key), other.get(key)
     if first.settings.seed != second.settings.seed:
         yield "seed", first.settings.seed, second.settings.seed
     if first.settings.world_seed != second.settings.world_seed:
@@ -50,13 +50,13 @@ def _differences(first: Run, second: Run) -> Iterator[tuple[str, Any, Any]]:
 
 def _flat(content: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     """Return the keys of a nested mapping with their paths, such as ``users.count``."""
-    found: dict[str, Any] = {}
+    paths: dict[str, Any] = {}
     for key, value in content.items():
         if isinstance(value, Mapping):
-            found |= _flat(value, f"{above}{key}.")
+            paths |= _flat(value, f"{above}{key}.")
         else:
-            found[f"{above}{key}"] = value
-    return found
+            paths[f"{above}{key}"] = value
+    return paths
 
 
 def _span(episodes: list[int]) -> str:

@@ -20,8 +20,8 @@ from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.evaluate import ENERGY, MEASURES
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
-from desim_uav.experiment.sweep.job import Failure, Job, Outcome, Row
-from desim_uav.experiment.sweep.plan import Given
+from desim_uav.experiment.sweep.job import Failure, Job, JobOutcome, JobRow
+from desim_uav.experiment.sweep.plan import ScenarioSource
 from desim_uav.lock import held
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.rowcode.regular_file import content_of, text_of
@@ -55,23 +55,25 @@ class SweepFolder:
         with held(self.out):
             yield
 
-    def open(self, given: Given, todo: Sequence[Job], resume: bool, command: list[str]) -> bool:
+    def open(
+        self, source: ScenarioSource, todo: Sequence[Job], resume: bool, command: list[str]
+    ) -> bool:
         """Make the folder for these jobs, or check that it belongs to them.
 
-        ``given`` is the scenario. A sweep can be continued with more jobs, but must keep all
+        ``source`` is the scenario. A sweep can be continued with more jobs, but must keep all
         that it has. Returns whether the folder held a sweep.
 
         Raises UsageError if the folder cannot be used, and PolicyError if it belongs
         to another sweep.
         """
-        plan = self._plan(given, todo)
+        plan = self._plan(source, todo)
         try:
-            begun = self._begun()
-            if begun and not resume:
+            exists = self._begun()
+            if exists and not resume:
                 raise UsageError(
                     f"--out {self.out}: the folder holds a sweep; continue it with --resume"
                 )
-            if begun and (self.out / MANIFEST).exists():
+            if exists and (self.out / MANIFEST).exists():
                 self._check(plan)
             self.out.mkdir(parents=True, exist_ok=True)
             about = {"command": command, "started": datetime.now(UTC).isoformat()}
@@ -79,24 +81,24 @@ class SweepFolder:
             write_whole(self.out / MANIFEST, (content + "\n").encode())
             for name in (RESULTS, TABLES):
                 (self.out / name).mkdir(exist_ok=True)
-            return begun
+            return exists
         except OSError as error:
             raise UsageError(f"--out {self.out}: {error.strerror or error}") from error
 
-    def rows(self, todo: Sequence[Job]) -> dict[str, Row]:
+    def rows(self, todo: Sequence[Job]) -> dict[str, JobRow]:
         """Return the rows of the jobs that have ended, by job. Damaged rows are left out."""
-        found = {}
+        row_of = {}
         for job in todo:
             row = read_row(self.out, self.columns, job.id)
             if row is not None:
-                found[job.id] = row
-        return found
+                row_of[job.id] = row
+        return row_of
 
-    def keep(self, job: Job, outcome: Outcome) -> Row:
+    def keep(self, job: Job, outcome: JobOutcome) -> JobRow:
         """Store the row of a job that has ended, after the Q-table that it learned."""
         assert outcome.measures is not None, "the job has not failed"
-        found = job.row(outcome.measures)
-        row = {name: found.get(name) for name in self.columns}  # some may have no energy
+        values = job.row(outcome.measures)
+        row = {name: values.get(name) for name in self.columns}  # some may have no energy
         if outcome.table is not None:
             write_whole(self.out / TABLES / f"{job.id}.npz", outcome.table)
         write_whole(self._file(job), self._parquet(row))
@@ -111,11 +113,11 @@ class SweepFolder:
         else:
             file.unlink(missing_ok=True)
 
-    def _plan(self, given: Given, todo: Sequence[Job]) -> dict[str, Any]:
+    def _plan(self, source: ScenarioSource, todo: Sequence[Job]) -> dict[str, Any]:
         arms = list({id(job.arm): job.arm for job in todo}.values())
         combinations = {arm.combination.settings: arm for arm in arms}
         return {
-            "scenario": {"name": arms[0].scenario.name} | given.about(),
+            "scenario": {"name": arms[0].scenario.name} | source.about(),
             "columns": self.columns,
             "episodes": todo[0].episodes,
             "warmup": todo[0].warmup,
@@ -136,10 +138,10 @@ class SweepFolder:
         if not self.out.is_dir():
             raise UsageError(f"--out {self.out}: exists and is not a folder")
         there = [path.name for path in self.out.iterdir()]
-        begun = MANIFEST in there or any(name.startswith(f".{MANIFEST}-") for name in there)
-        if there and not begun:
+        exists = MANIFEST in there or any(name.startswith(f".{MANIFEST}-") for name in there)
+        if there and not exists:
             raise UsageError(f"--out {self.out}: the folder is not empty and holds no sweep")
-        return begun
+        return exists
 
     def _check(self, plan: dict[str, Any]) -> None:
         """Raise PolicyError if the folder's sweep is not a part of this one."""
@@ -154,24 +156,24 @@ class SweepFolder:
                 raise PolicyError(
                     f"{self.out}: the folder holds another sweep: {what} {was}, not {now}"
                 )
-        known = set(plan["jobs"])
-        others = sum(job not in known for job in there["jobs"])
+        ids = set(plan["jobs"])
+        others = sum(job not in ids for job in there["jobs"])
         if others:
             changed = there["scenario"]["sha256"] != plan["scenario"]["sha256"]
             reason = "the scenario's file" if changed else "values, policies, seeds or files"
             raise PolicyError(
                 f"{self.out}: the folder holds another sweep: {others} of its "
-                f"{len(there['jobs'])} jobs are not among these {len(known)} ({reason} differ); "
+                f"{len(there['jobs'])} jobs are not among these {len(ids)} ({reason} differ); "
                 "name another --out"
             )
         for file in sorted((self.out / RESULTS).glob("*")):
-            if not file.name.startswith(".") and file.stem not in known:
+            if not file.name.startswith(".") and file.stem not in ids:
                 raise PolicyError(f"{file}: not a row of this sweep; move it elsewhere")
 
     def _file(self, job: Job) -> Path:
         return self.out / RESULTS / f"{job.id}.parquet"
 
-    def _parquet(self, row: Row) -> bytes:
+    def _parquet(self, row: JobRow) -> bytes:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -181,7 +183,7 @@ class SweepFolder:
         return bytes(file.getvalue())
 
 
-def read_row(out: Path, columns: Mapping[str, str], job: str) -> Row | None:
+def read_row(out: Path, columns: Mapping[str, str], job: str) -> JobRow | None:
     """Return the row of a job, or None if it has not ended or its file is damaged."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -195,8 +197,8 @@ def read_row(out: Path, columns: Mapping[str, str], job: str) -> Row | None:
         return None
     if not table.schema.equals(schema) or table.column("job").to_pylist() != [job]:
         return None
-    row, kept = dict(table.to_pylist()[0]), table.schema.metadata or {}
-    return row if kept.get(DIGEST) == of_row(row).encode() else None
+    row, metadata = dict(table.to_pylist()[0]), table.schema.metadata or {}
+    return row if metadata.get(DIGEST) == of_row(row).encode() else None
 
 
 def _schema(columns: Mapping[str, str]) -> pa.Schema:
@@ -208,16 +210,16 @@ def _schema(columns: Mapping[str, str]) -> pa.Schema:
 def read_manifest(file: Path) -> dict[str, Any]:
     """Read the manifest of a sweep. Raises PolicyError if it is unreadable or incomplete."""
     try:
-        found = json.loads(text_of(file, MOST_BYTES))
+        manifest = json.loads(text_of(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
         raise PolicyError(f"{file}: not a readable manifest: {reason}") from error
     for key, of_type in PLAN.items():
-        if not isinstance(found, dict) or not isinstance(found.get(key), of_type):
+        if not isinstance(manifest, dict) or not isinstance(manifest.get(key), of_type):
             raise PolicyError(f"{file}: not the manifest of a sweep: it has no {key}")
-    if not isinstance(found.get("versions"), dict) or "desim-uav" not in found["versions"]:
+    if not isinstance(manifest.get("versions"), dict) or "desim-uav" not in manifest["versions"]:
         raise PolicyError(f"{file}: not the manifest of a sweep: it has no versions")
-    return dict(found)
+    return dict(manifest)
 
 
 def _typed(columns: dict[str, str]) -> str:

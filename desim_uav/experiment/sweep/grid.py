@@ -81,8 +81,8 @@ def axes(values: Overrides) -> list[Axis]:
 
     Raises UsageError if they are not valid.
     """
-    found = [_axis(override) for override in _overrides(values)]
-    keys = [axis.key for axis in found]
+    listing = [_axis(override) for override in _overrides(values)]
+    keys = [axis.key for axis in listing]
     for key in keys:
         if keys.count(key) > 1:
             raise UsageError(
@@ -93,17 +93,17 @@ def axes(values: Overrides) -> list[Axis]:
             f"{named_override('seed')}: each job has its own seed; choose the first seed and the "
             "number of seeds"
         )
-    return found
+    return listing
 
 
 def combinations(swept: Sequence[Axis]) -> Iterator[Combination]:
     """Yield every combination; the values of the last key change first."""
     for values in product(*(axis.values for axis in swept)):
-        chosen = list(zip(swept, values, strict=True))
+        pairs = list(zip(swept, values, strict=True))
         yield Combination(
-            tuple(f"{axis.key}={value.text}" for axis, value in chosen),
-            {axis.key: axis.cell(value.plain) for axis, value in chosen},
-            tuple(f"{axis.key}={value.text}" for axis, value in chosen if len(axis.values) > 1),
+            tuple(f"{axis.key}={value.text}" for axis, value in pairs),
+            {axis.key: axis.cell(value.plain) for axis, value in pairs},
+            tuple(f"{axis.key}={value.text}" for axis, value in pairs if len(axis.values) > 1),
         )
 
 
@@ -138,13 +138,13 @@ def _axis(override: str) -> Axis:
         if len(texts) > MOST:
             raise UsageError(f"{named_override(override)}: more than {MOST} values")
     values = tuple(Value(text, read(text).data) for text in texts)
-    seen: set[str] = set()
+    canonical: set[str] = set()
     for value in values:
         # 1 and 1.0 are the same value; 1 and true are not
-        known = value.text if read(value.text).problems else _canonical(value.plain)
-        if known in seen:
+        text = value.text if read(value.text).problems else _canonical(value.plain)
+        if text in canonical:
             raise UsageError(f"{named_override(override)}: {value.text} is given twice")
-        seen.add(known)
+        canonical.add(text)
     return Axis(key, values)
 
 
@@ -179,15 +179,15 @@ def _pieces(text: str) -> Iterator[str]:
 
 def _values(piece: str, override: str) -> Iterator[str]:
     """Yield the values of a range, or the piece itself if it is not a range."""
-    found = _RANGE.fullmatch(piece)
-    if found is None:
+    match = _RANGE.fullmatch(piece)
+    if match is None:
         yield piece
         return
-    whole = all(text is None or re.fullmatch(r"[-+]?\d+", text) for text in found.groups())
-    first, last = Decimal(found[1]), Decimal(found[2])
-    step = Decimal(found[3] or 1)
+    whole = all(text is None or re.fullmatch(r"[-+]?\d+", text) for text in match.groups())
+    first, last = Decimal(match[1]), Decimal(match[2])
+    step = Decimal(match[3] or 1)
     problem = ""
-    if found[3] is None and not whole:
+    if match[3] is None and not whole:
         problem = "a range of decimal numbers needs a step, as in 0.1:0.5:0.1"
     elif step == 0:
         problem = "the step is 0"

@@ -17,13 +17,13 @@ from desim_uav import __version__
 from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.experiment.evaluate import evaluate, measures_of
 from desim_uav.experiment.sweep.grid import MOST
-from desim_uav.experiment.sweep.plan import Arm, Asked, policy_digest, unseeded_hash
+from desim_uav.experiment.sweep.plan import Arm, SweepPlan, policy_digest, unseeded_hash
 from desim_uav.experiment.train.course import train
 from desim_uav.policies.base import PolicyLike
 from desim_uav.policies.tabular import Greedy
 from desim_uav.registry import FAULTS, what_failed
 
-Row = dict[str, Any]
+JobRow = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Job:
         text = json.dumps(content, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
-    def row(self, measures: dict[str, float | None]) -> Row:
+    def row(self, measures: dict[str, float | None]) -> JobRow:
         """Return the row that is kept of the job."""
         arm, world_seed = self.arm, self.arm.scenario.world_seed
         row = {"job": self.id} | arm.combination.cells | {"policy": arm.policy}
@@ -57,7 +57,7 @@ class Job:
         return row | {"world_seed": self.seed if world_seed is None else world_seed} | measures
 
 
-class Outcome(NamedTuple):
+class JobOutcome(NamedTuple):
     """The measures of a job and the Q-table it learned, or the reason for its failure."""
 
     measures: dict[str, float | None] | None
@@ -65,7 +65,7 @@ class Outcome(NamedTuple):
     failure: str = ""
 
     @classmethod
-    def failed(cls, reason: str) -> Outcome:
+    def failed(cls, reason: str) -> JobOutcome:
         """Return the outcome of a job that has failed."""
         return cls(None, None, reason)
 
@@ -76,19 +76,19 @@ class Failure(NamedTuple):
     job: Job
     reason: str
 
-    def content(self) -> Row:
+    def content(self) -> JobRow:
         """Return the failure as plain data."""
         arm = self.job.arm
         row = {"job": self.job.id} | arm.combination.cells | {"policy": arm.policy}
         return row | {"seed": self.job.seed, "reason": self.reason}
 
 
-def jobs(asked: Asked, tried: Sequence[Arm]) -> list[Job]:
+def jobs(plan: SweepPlan, tried: Sequence[Arm]) -> list[Job]:
     """Return the jobs of every arm on every seed. Raises UsageError if there are too many."""
-    count = len(tried) * len(asked.seeds)
+    count = len(tried) * len(plan.seeds)
     if count > MOST:
         raise UsageError(f"{count} jobs are too many; at most {MOST} are allowed")
-    return [Job(arm, seed, asked.episodes, asked.warmup) for seed in asked.seeds for arm in tried]
+    return [Job(arm, seed, plan.episodes, plan.warmup) for seed in plan.seeds for arm in tried]
 
 
 def measured(todo: Sequence[Job]) -> tuple[str, ...]:
@@ -97,7 +97,7 @@ def measured(todo: Sequence[Job]) -> tuple[str, ...]:
     return measures_of(*(arm.scenario for arm in arms.values()))
 
 
-def run_job(job: Job, version: str = __version__) -> Outcome:
+def run_job(job: Job, version: str = __version__) -> JobOutcome:
     """Train if the arm learns, and evaluate; an error becomes part of the outcome.
 
     ``version`` is that of the package on the machine where the sweep began.
@@ -105,12 +105,12 @@ def run_job(job: Job, version: str = __version__) -> Outcome:
     try:
         return _run(job, version)
     except DesimError as error:
-        return Outcome.failed(" ".join(str(error).split("\n")))
+        return JobOutcome.failed(" ".join(str(error).split("\n")))
     except FAULTS as error:
-        return Outcome.failed(what_failed(error))
+        return JobOutcome.failed(what_failed(error))
 
 
-def _run(job: Job, version: str) -> Outcome:
+def _run(job: Job, version: str) -> JobOutcome:
     arm, table = job.arm, None
     if __version__ != version:
         here = f"{__version__} on {platform.node()}"
@@ -126,4 +126,4 @@ def _run(job: Job, version: str) -> Outcome:
         table, _ = train(scenario, arm.engine)
         policy = Greedy.of_table(table, arm.policy)
     measures = evaluate(arm.scenario, policy, job.seed, job.episodes, job.warmup, arm.engine)
-    return Outcome(measures, None if table is None else table.to_bytes())
+    return JobOutcome(measures, None if table is None else table.to_bytes())

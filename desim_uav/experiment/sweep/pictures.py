@@ -28,22 +28,22 @@ def plot_sweep(
     """
     from desim_uav.report.figures import intervals_figure, sweep_figure
 
-    known = (*MEASURES, ENERGY)
+    names = (*MEASURES, ENERGY)
     for name in measure or ():
-        if name not in known:
-            hint = did_you_mean(name, known)
-            raise UsageError(f"--measure {name}{hint}; allowed: {', '.join(known)}")
+        if name not in names:
+            hint = did_you_mean(name, names)
+            raise UsageError(f"--measure {name}{hint}; allowed: {', '.join(names)}")
     measures = list(dict.fromkeys(measure or DRAWN))
     results = read_sweep(folder)
     if not {*measures} <= {*results.measures}:
         raise UsageError(f"--measure {ENERGY}: no battery in this sweep is measured in Wh")
     if not results.keys and not key:
-        found = content(results, {})
+        table = content(results, {})
         titles = {name: (COMPARED | OF_ENERGY)[name][0] for name in measures}
-        return intervals_figure(found["estimates"], found["policies"], titles, False)
-    wanted = _wanted(key or ())
-    held = {name: value for name, value in wanted.items() if value is not None}
-    return sweep_figure(content(chosen_keys(results, wanted), held), measures)
+        return intervals_figure(table["estimates"], table["policies"], titles, False)
+    value_at = _values_at(key or ())
+    fixed = {name: value for name, value in value_at.items() if value is not None}
+    return sweep_figure(content(chosen_keys(results, value_at), fixed), measures)
 
 
 def sweep_report(folder: Path, title: str | None) -> str:
@@ -51,13 +51,13 @@ def sweep_report(folder: Path, title: str | None) -> str:
     from desim_uav.report.sweep_page import Swept, sweep_page
 
     results = read_sweep(folder)
-    held: dict[str, str | None] = {
+    fixed: dict[str, str | None] = {
         key: word(values[0]) for key, values in list(results.keys.items())[MOST_KEYS:]
     }
-    left_out, shown = "", {}
+    left_out, table = "", {}
     try:
-        chosen = chosen_keys(results, held) if results.keys else results
-        shown = content(chosen, held)
+        rest = chosen_keys(results, fixed) if results.keys else results
+        table = content(rest, fixed)
     except UsageError as error:
         left_out = f"There is no figure. {error}"
     return sweep_page(
@@ -65,7 +65,7 @@ def sweep_report(folder: Path, title: str | None) -> str:
             folder,
             results.manifest,
             content(results, {}),
-            shown,
+            table,
             left_out,
             len(results.rows),
             results.failures,
@@ -74,11 +74,11 @@ def sweep_report(folder: Path, title: str | None) -> str:
     )
 
 
-def _wanted(keys: Sequence[str]) -> dict[str, str | None]:
-    wanted: dict[str, str | None] = {}
+def _values_at(keys: Sequence[str]) -> dict[str, str | None]:
+    value_at: dict[str, str | None] = {}
     for text in keys:
         name, equals, value = text.partition("=")
-        if name in wanted:
+        if name in value_at:
             raise UsageError(f"--key {name}: the key is given twice")
-        wanted[name] = value if equals else None
-    return wanted
+        value_at[name] = value if equals else None
+    return value_at

@@ -40,7 +40,7 @@ LARGEST_POLICY = 2**32
 
 
 @dataclass(frozen=True)
-class Given:
+class ScenarioSource:
     """The scenario of a sweep: a file, or what Python has: its content, or a loaded scenario."""
 
     scenario: Path | Mapping[str, Any] | Scenario
@@ -68,7 +68,7 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Asked:
+class SweepPlan:
     """What a sweep is to run in a scenario.
 
     ``values`` are those of ``axes``. ``policies`` None means the baseline, or no policy if
@@ -86,9 +86,9 @@ class Asked:
     engine: str = "auto"
 
     @property
-    def given(self) -> Given:
+    def source(self) -> ScenarioSource:
         """The scenario, as it was given."""
-        return Given(self.scenario)
+        return ScenarioSource(self.scenario)
 
     def policy_names(self) -> list[str]:
         """Return the policies to run. Raises UsageError, or PolicyError if one cannot be loaded."""
@@ -138,35 +138,37 @@ class Arm:
 
 
 def arms(
-    asked: Asked, swept: Sequence[Axis], say: Callable[[str], None] = lambda notice: None
+    plan: SweepPlan, swept: Sequence[Axis], say: Callable[[str], None] = lambda notice: None
 ) -> list[Arm]:
     """Return what a sweep runs on each seed, by combination, after a check on its first seed.
 
     ``say`` gets the warnings of each scenario, and why the compiled engine cannot run it. Raises
     ScenarioError with all problems of all scenarios, or else PolicyError with all of the policies.
     """
-    algorithms, policies = asked.algorithm_names(swept), asked.policy_names()
-    found: list[Arm] = []
+    algorithms, policies = plan.algorithm_names(swept), plan.policy_names()
+    listing: list[Arm] = []
     problems, reasons = Problems(), dict[str, None]()
     for combination in combinations(swept):
         problems.combinations.append(combination)
         if policies:
             with problems.noted():
-                found += _policy_arms(asked, combination, policies, reasons)
+                listing += _policy_arms(plan, combination, policies, reasons)
         for algorithm in algorithms:
             with problems.noted():
-                found.append(_learning_arm(asked, combination, algorithm, reasons))
+                listing.append(_learning_arm(plan, combination, algorithm, reasons))
     problems.complain()
     for reason in reasons:
         say(reason)
-    return found
+    return listing
 
 
 def warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
     """Return a warning for each policy that was learned in a world outside the sweep."""
     worlds = {(arm.scenario.world_seed, arm.policy): arm for arm in tried if not arm.algorithm}
-    found = (out_of_place(arm.scenario, {arm.policy: arm.policy}, seeds) for arm in worlds.values())
-    return list(dict.fromkeys(warning for some in found for warning in some))
+    notices = (
+        out_of_place(arm.scenario, {arm.policy: arm.policy}, seeds) for arm in worlds.values()
+    )
+    return list(dict.fromkeys(warning for some in notices for warning in some))
 
 
 def policy_digest(policy: str) -> str:
@@ -189,40 +191,40 @@ def policy_digest(policy: str) -> str:
 
 
 def _policy_arms(
-    asked: Asked, combination: Combination, policies: Sequence[str], reasons: dict[str, None]
+    plan: SweepPlan, combination: Combination, policies: Sequence[str], reasons: dict[str, None]
 ) -> Iterator[Arm]:
-    scenario, world, engine = _prepared(asked, combination.settings, reasons)
+    scenario, world, engine = _prepared(plan, combination.settings, reasons)
     look_ahead(engine, world)
     hashed = unseeded_hash(scenario)
     for policy in policies:
-        begin_once(scenario, policy, asked.seeds[0])
+        begin_once(scenario, policy, plan.seeds[0])
         source = _source(policy)
         digest = policy_digest(policy)
         yield Arm(combination, policy, None, source, digest, scenario, hashed, engine)
 
 
 def _learning_arm(
-    asked: Asked, combination: Combination, algorithm: str | None, reasons: dict[str, None]
+    plan: SweepPlan, combination: Combination, algorithm: str | None, reasons: dict[str, None]
 ) -> Arm:
     own = () if algorithm is None else (f'learning.algorithm="{algorithm}"',)
-    scenario, world, engine = _prepared(asked, combination.settings + own, reasons)
+    scenario, world, engine = _prepared(plan, combination.settings + own, reasons)
     name = scenario.learning.algorithm
     table_features(world, load_algorithm(name).tables)
     return Arm(combination, name, name, "", "", scenario, unseeded_hash(scenario), engine)
 
 
 def _prepared(
-    asked: Asked, settings: Sequence[str], reasons: dict[str, None]
+    plan: SweepPlan, settings: Sequence[str], reasons: dict[str, None]
 ) -> tuple[Scenario, World, str]:
     """Return a scenario, its world and the engine; note its warnings, and why SimPy runs it.
 
     Raises ScenarioError with the file's name.
     """
-    scenario = at_once(asked.given.load, settings)
-    with asked.given.located(settings):
-        drawn = scenario.model_copy(update={"seed": asked.seeds[0]})
-        world = at_once(build_world, drawn, drawn.effective_world_seed)
-        engine = asked.engine
+    scenario = at_once(plan.source.load, settings)
+    with plan.source.located(settings):
+        first = scenario.model_copy(update={"seed": plan.seeds[0]})
+        world = at_once(build_world, first, first.effective_world_seed)
+        engine = plan.engine
         if engine == "auto" and engine_for(world, reasons.setdefault) == "des":
             engine = "des"
         check_engine(engine, world)

@@ -20,7 +20,7 @@ from desim_uav.experiment.sweep.folder import (
     read_manifest,
     read_row,
 )
-from desim_uav.experiment.sweep.job import Row
+from desim_uav.experiment.sweep.job import JobRow
 from desim_uav.parquet_file import no_such
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.report.text import word
@@ -39,7 +39,7 @@ class SweepResults:
 
     folder: Path
     manifest: dict[str, Any]
-    rows: Sequence[Row]
+    rows: Sequence[JobRow]
     failures: Sequence[dict[str, Any]]
     order: tuple[str, ...] = ()
     """The keys to show, in order; empty means all that vary, in the order of the sweep."""
@@ -56,7 +56,7 @@ class SweepResults:
         columns = [key for key in self.manifest["columns"] if key not in others]
         columns = list(self.order) or columns
         values = {key: _ordered(row[key] for row in self.rows) for key in columns}
-        return {key: found for key, found in values.items() if len(found) > 1}
+        return {key: column for key, column in values.items() if len(column) > 1}
 
     @property
     def measures(self) -> tuple[str, ...]:
@@ -68,8 +68,8 @@ class SweepResults:
         """The policies and algorithms that have rows, in the order of the command."""
         listed = [*self.manifest.get("policies", ()), *self.manifest.get("algorithms", ())]
         there = list(dict.fromkeys(row["policy"] for row in self.rows))
-        known = [name for name in dict.fromkeys(listed) if name in there]
-        return [*known, *(name for name in there if name not in known)]
+        in_order = [name for name in dict.fromkeys(listed) if name in there]
+        return [*in_order, *(name for name in there if name not in in_order)]
 
     def estimates(self) -> list[dict[str, Any]]:
         """Return a row for each combination and policy: cells, ``policy`` and ``measures``.
@@ -82,7 +82,7 @@ class SweepResults:
         places: dict[str, dict[Any, int]] = {
             key: {value: k for k, value in enumerate(values)} for key, values in self.keys.items()
         }
-        groups: dict[tuple[int, ...], list[Row]] = {}
+        groups: dict[tuple[int, ...], list[JobRow]] = {}
         for row in self.rows:
             at = [places[key][row[key]] for key in self.keys]
             groups.setdefault((*at, self.policies.index(row["policy"])), []).append(row)
@@ -116,26 +116,26 @@ def is_sweep(folder: Path) -> bool:
     return (folder / RESULTS).is_dir() and (folder / MANIFEST).is_file()
 
 
-def content(results: SweepResults, held: Mapping[str, Any]) -> dict[str, Any]:
+def content(results: SweepResults, fixed: Mapping[str, Any]) -> dict[str, Any]:
     """Return the data of a sweep's figure, as plain data."""
     return {
         "scenario": results.scenario,
         "episodes": results.manifest["episodes"],
         "keys": results.keys,
-        "held": {key: word(value) for key, value in held.items()},
+        "held": {key: word(value) for key, value in fixed.items()},
         "policies": results.policies,
         "estimates": results.estimates(),
     }
 
 
-def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> SweepResults:
+def chosen_keys(results: SweepResults, value_at: Mapping[str, str | None]) -> SweepResults:
     """Keep the rows that a figure of at most two keys shows.
 
-    ``wanted`` has the keys to show (None) and those to hold at a value, in this order. Raises
+    ``value_at`` has the keys to show (None) and those to hold at a value, in this order. Raises
     UsageError if a key does not vary, has no such value, or more than two keys are left.
     """
     keys, rows = results.keys, results.rows
-    for key, text in wanted.items():
+    for key, text in value_at.items():
         if key not in keys:
             varied = ", ".join(keys) or "none"
             hint = did_you_mean(key, keys)
@@ -145,7 +145,7 @@ def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> Swee
         if text is not None:
             value = _named(key, text, keys[key])
             rows = [row for row in rows if row[key] == value]
-    free = [key for key in keys if wanted.get(key) is None]
+    free = [key for key in keys if value_at.get(key) is None]
     if len(free) > MOST_KEYS:
         many = ", ".join(free)
         example = f"--key {free[-1]}={word(keys[free[-1]][0])}"
@@ -155,11 +155,11 @@ def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> Swee
         )
     if not rows:
         raise PolicyError(f"{results.folder}: no job with these values has ended")
-    order = [*(key for key, text in wanted.items() if text is None), *free]
-    chosen = replace(results, rows=rows, order=tuple(dict.fromkeys(order)))
-    if not chosen.keys:
+    order = [*(key for key, text in value_at.items() if text is None), *free]
+    selection = replace(results, rows=rows, order=tuple(dict.fromkeys(order)))
+    if not selection.keys:
         raise UsageError(f"{results.folder}: no key is left that varies, so there is no figure")
-    return chosen
+    return selection
 
 
 def _named(key: str, text: str, values: Sequence[Any]) -> Any:
@@ -181,11 +181,11 @@ def _is_number(value: Any) -> bool:
 
 
 def _ordered(column: Iterable[Any]) -> list[Any]:
-    found = list(dict.fromkeys(column))
-    return sorted(found) if all(map(_is_number, found)) else found
+    values = list(dict.fromkeys(column))
+    return sorted(values) if all(map(_is_number, values)) else values
 
 
-def _rows(folder: Path, columns: Mapping[str, str], job: str) -> Iterator[Row]:
+def _rows(folder: Path, columns: Mapping[str, str], job: str) -> Iterator[JobRow]:
     """Yield the row of a job if it has ended. Raises PolicyError if its file is damaged."""
     file = folder / RESULTS / f"{job}.parquet"
     if re.fullmatch("[0-9a-f]+", job) is None:
@@ -203,10 +203,10 @@ def _failures(file: Path) -> list[dict[str, Any]]:
     if not file.exists():
         return []
     try:
-        found = json.loads(text_of(file, MOST_BYTES))
+        rows = json.loads(text_of(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
         raise PolicyError(f"{file}: not a readable list of failures: {reason}") from error
-    if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise PolicyError(f"{file}: not a list of failed jobs")
-    return found
+    return rows

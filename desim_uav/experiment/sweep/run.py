@@ -15,19 +15,19 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.sweep.folder import SweepFolder
 from desim_uav.experiment.sweep.grid import axes
-from desim_uav.experiment.sweep.job import Failure, Outcome, jobs, measured, run_job
+from desim_uav.experiment.sweep.job import Failure, JobOutcome, jobs, measured, run_job
 from desim_uav.experiment.sweep.on_ray import import_ray, ray_backend
-from desim_uav.experiment.sweep.plan import Asked, arms, warnings
+from desim_uav.experiment.sweep.plan import SweepPlan, arms, warnings
 from desim_uav.experiment.sweep.table import Done
 
 BACKENDS = ("local", "ray")
 
-Backend = Callable[..., Generator[tuple[int, Outcome]]]
+Backend = Callable[..., Generator[tuple[int, JobOutcome]]]
 """Calls a function with the arguments of each task, on this machine or elsewhere (``run_each``)."""
 
 
 def sweep_to_folder(
-    asked: Asked,
+    plan: SweepPlan,
     out: Path,
     *,
     resume: bool,
@@ -45,27 +45,27 @@ def sweep_to_folder(
     before the first job.
     """
     _check_backend(backend, address)
-    swept = axes(asked.values)
-    tried = arms(asked, swept, say)
+    swept = axes(plan.values)
+    tried = arms(plan, swept, say)
     if len(tried) == 1:
         say(
             "no key has several values, so nothing is swept: one policy is run in one scenario "
             "(-S KEY=V,W gives a key several values)"
         )
-    todo = jobs(asked, tried)
-    for warning in warnings(tried, asked.seeds):
+    todo = jobs(plan, tried)
+    for warning in warnings(tried, plan.seeds):
         say(warning)
     folder = SweepFolder(out, swept, measured(todo))
     failures, interrupted = list[Failure](), False
     with _backend(backend, workers, address, not show_progress) as run, folder.held():
-        begun = folder.open(asked.given, todo, resume, list(command))
+        exists = folder.open(plan.source, todo, resume, list(command))
         finished = folder.rows(todo)
-        if resume and not begun:
+        if resume and not exists:
             say(f"--resume: {out} holds no sweep, so there is nothing to resume: it begins anew")
         if finished:
             say(f"{len(finished)} of {len(todo)} jobs had ended before")
         left = [job for job in todo if job.id not in finished]
-        ended = run(run_job, [(job, __version__) for job in left], died=Outcome.failed)
+        ended = run(run_job, [(job, __version__) for job in left], died=JobOutcome.failed)
         try:
             with progress(show_progress, len(left), "jobs", "batch") as advance, closing(ended):
                 for number, outcome in ended:
@@ -81,10 +81,10 @@ def sweep_to_folder(
             if interrupted:  # perhaps after a row was written and before it was noted here
                 finished = folder.rows(todo)
             rows = [finished[job.id] for job in todo if job.id in finished]
-            done = Done(out, swept, todo, rows, failures, interrupted)
+            results = Done(out, swept, todo, rows, failures, interrupted)
             folder.list_failures(failures)
-            write_whole(out / "table.md", done.markdown(command).encode())
-    return done
+            write_whole(out / "table.md", results.markdown(command).encode())
+    return results
 
 
 def _check_backend(name: str, address: str | None) -> None:

@@ -16,7 +16,7 @@ from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate
 from desim_uav.experiment.sweep.folder import FAILED
 from desim_uav.experiment.sweep.grid import Axis
-from desim_uav.experiment.sweep.job import Failure, Job, Row, measured
+from desim_uav.experiment.sweep.job import Failure, Job, JobRow, measured
 from desim_uav.experiment.sweep.plan import Arm
 from desim_uav.report import notebook
 from desim_uav.report.intervals import mean_words, sentence
@@ -44,7 +44,7 @@ class Done:
     out: Path
     axes: Sequence[Axis]
     jobs: Sequence[Job]
-    rows: Sequence[Row]
+    rows: Sequence[JobRow]
     failures: Sequence[Failure]
     interrupted: bool
 
@@ -60,8 +60,8 @@ class Done:
             "interrupted": self.interrupted,
             "rows": list(self.rows),
             "estimates": [
-                arm.combination.cells | {"policy": arm.policy, "measures": _plain(found)}
-                for arm, found in self._estimates()
+                arm.combination.cells | {"policy": arm.policy, "measures": _plain(estimates)}
+                for arm, estimates in self._estimates()
             ],
             "failed": [failure.content() for failure in self.failures],
         }
@@ -112,7 +112,7 @@ class Done:
         )
 
     @property
-    def _shown(self) -> dict[str, tuple[str, str]]:
+    def _columns(self) -> dict[str, tuple[str, str]]:
         """Headings and formats of the measures that are shown."""
         of_energy = {name: look for name, look in OF_ENERGY.items() if name in self._measures}
         return SHOWN | of_energy
@@ -127,7 +127,7 @@ class Done:
             *self._varied(),
             "policy",
             "seeds",
-            *(heading for heading, _ in self._shown.values()),
+            *(heading for heading, _ in self._columns.values()),
         ]
 
     def lines(self) -> list[list[str]]:
@@ -136,24 +136,24 @@ class Done:
             [
                 *("null" if (v := arm.combination.cells[k]) is None else f"{v}" for k in varied),
                 arm.policy,
-                str(found["reward_mean"].n),
-                *(format(found[name], form) for name, (_, form) in self._shown.items()),
+                str(estimates["reward_mean"].n),
+                *(format(estimates[name], form) for name, (_, form) in self._columns.items()),
             ]
             for varied in [self._varied()]
-            for arm, found in self._estimates()
+            for arm, estimates in self._estimates()
         ]
 
     def markdown(self, command: Sequence[str]) -> str:
         """Return the table as Markdown, with the command that made it."""
         first = self.jobs[0]
-        named = self.headings().index("policy") + 1
+        columns = self.headings().index("policy") + 1
         heading, *lines = (
-            [*map(escaped.markdown, line[:named]), *line[named:]]
+            [*map(escaped.markdown, line[:columns]), *line[columns:]]
             for line in (self.headings(), *self.lines())
         )
         rule = ["---" for _ in heading]
         table = ["| " + " | ".join(row) + " |" for row in (heading, rule, *lines)]
-        rows = [{"measures": _plain(found)} for _, found in self._estimates()]
+        rows = [{"measures": _plain(estimates)} for _, estimates in self._estimates()]
         words = sentence(mean_words(rows)).removesuffix(".")
         about = f"{words}, of {first.episodes} episode(s) after {first.warmup} of warm-up per seed."
         return "\n".join([escaped.markdown_code(" ".join(command)), "", about, "", *table]) + "\n"
@@ -172,15 +172,15 @@ class Done:
     def _estimates(self) -> list[tuple[Arm, dict[str, Estimate]]]:
         """Return for each arm the estimates of its measures over the seeds that have ended."""
         row_of = {row["job"]: row for row in self.rows}
-        of_arm: dict[int, tuple[Arm, list[Row]]] = {}
+        of_arm: dict[int, tuple[Arm, list[JobRow]]] = {}
         for job in self.jobs:
-            _, found = of_arm.setdefault(id(job.arm), (job.arm, []))
-            found += [row_of[job.id]] if job.id in row_of else []
+            _, rows = of_arm.setdefault(id(job.arm), (job.arm, []))
+            rows += [row_of[job.id]] if job.id in row_of else []
         return [
-            (arm, {name: estimate(row[name] for row in found) for name in self._measures})
-            for arm, found in of_arm.values()
+            (arm, {name: estimate(row[name] for row in rows) for name in self._measures})
+            for arm, rows in of_arm.values()
         ]
 
 
-def _plain(found: dict[str, Estimate]) -> dict[str, dict[str, Any]]:
-    return {name: asdict(of) for name, of in found.items()}
+def _plain(estimates: dict[str, Estimate]) -> dict[str, dict[str, Any]]:
+    return {name: asdict(of) for name, of in estimates.items()}

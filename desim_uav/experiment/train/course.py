@@ -32,7 +32,7 @@ OnEpisode = Callable[[list[Progress]], None]
 
 
 @dataclass
-class Course:
+class TrainingCourse:
     """A training and its rows so far, one per drone and episode; ``folder`` is where it is kept.
 
     ``first`` is the episode at which it was resumed. ``stopped`` says that a callback has ended it
@@ -81,14 +81,14 @@ class Course:
 
 
 @dataclass(frozen=True)
-class Pause:
+class TrainingPause:
     """An action after every ``every`` episodes; if it returns False, the training stops.
 
     With ``at_end`` it is also done after the last episode, whatever its number.
     """
 
     every: int
-    act: Callable[[Course], bool | None]
+    act: Callable[[TrainingCourse], bool | None]
     at_end: bool = False
 
     def after(self, episode: int) -> int:
@@ -116,9 +116,9 @@ def train_in_memory(
     *,
     command: Sequence[str],
     engine: str,
-    pauses: Sequence[Pause],
+    pauses: Sequence[TrainingPause],
     on_episode: OnEpisode,
-) -> Course:
+) -> TrainingCourse:
     """Train and write nothing. Ctrl-C ends the training after the current episodes."""
     course = begin(scenario, engine, command)
     with asked_to_stop("these episodes") as stop:
@@ -126,16 +126,16 @@ def train_in_memory(
     return course
 
 
-def begin(scenario: Scenario, engine: str = "auto", command: Sequence[str] = ()) -> Course:
+def begin(scenario: Scenario, engine: str = "auto", command: Sequence[str] = ()) -> TrainingCourse:
     """Begin a training; ``engine`` is auto (that of ``engine_for``), des or batch."""
     world = at_once(build_world, scenario, scenario.effective_world_seed)
-    chosen = engine_for(world) if engine == "auto" else engine
-    return Course(Training(world, scenario.seed, chosen), command)
+    kind = engine_for(world) if engine == "auto" else engine
+    return TrainingCourse(Training(world, scenario.seed, kind), command)
 
 
 def learn(
-    course: Course,
-    pauses: Sequence[Pause] = (),
+    course: TrainingCourse,
+    pauses: Sequence[TrainingPause] = (),
     on_episode: OnEpisode = lambda rows: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> None:

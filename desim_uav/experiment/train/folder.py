@@ -15,9 +15,9 @@ from desim_uav.experiment.interrupt import asked_to_stop
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.train.course import (
     POLICY,
-    Course,
     OnEpisode,
-    Pause,
+    TrainingCourse,
+    TrainingPause,
     begin,
     learn,
     learned,
@@ -27,7 +27,7 @@ from desim_uav.learning.training import Training
 from desim_uav.lock import held
 from desim_uav.parquet_file import parquet
 from desim_uav.records import TRAINING, to_frame
-from desim_uav.run_folder import Place, world_content
+from desim_uav.run_folder import RunPlace, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 
@@ -44,10 +44,10 @@ def train_to_folder(
     checkpoint_every: int,
     command: Sequence[str],
     engine: str = "auto",
-    pauses: Sequence[Pause] = (),
+    pauses: Sequence[TrainingPause] = (),
     on_start: Callable[[int], None] = lambda episode: None,
     on_episode: OnEpisode = lambda rows: None,
-) -> Course:
+) -> TrainingCourse:
     """Train and write the folder, with a checkpoint after every ``checkpoint_every`` episodes.
 
     ``engine`` is auto (that of ``engine_for``), des or batch. Ctrl-C ends the training after
@@ -63,7 +63,7 @@ def train_to_folder(
         if not (folder / MANIFEST).exists():  # a finished training stays intact until the end
             write_whole(folder / "scenario.yaml", dump(scenario).encode())
         on_start(course.first)
-        saving = Pause(checkpoint_every, lambda course: _save(course, folder))
+        saving = TrainingPause(checkpoint_every, lambda course: _save(course, folder))
         learn(course, [saving, *pauses], on_episode, stop)
         _save(course, folder)
         if not course.interrupted:
@@ -72,7 +72,7 @@ def train_to_folder(
     return course
 
 
-def save_training(course: Course, out: Path | None) -> Path:
+def save_training(course: TrainingCourse, out: Path | None) -> Path:
     """Write the folder of a training that is in memory. Raises UsageError if it cannot."""
     folder = _new(course.training.world.scenario, out)
     with held(folder):
@@ -81,8 +81,8 @@ def save_training(course: Course, out: Path | None) -> Path:
     return folder
 
 
-def _place(scenario: Scenario, out: Path | None) -> Place:
-    return Place(out, f"{scenario.name}-{scenario.learning.algorithm}-s{scenario.seed}")
+def _place(scenario: Scenario, out: Path | None) -> RunPlace:
+    return RunPlace(out, f"{scenario.name}-{scenario.learning.algorithm}-s{scenario.seed}")
 
 
 def _new(scenario: Scenario, out: Path | None) -> Path:
@@ -141,7 +141,7 @@ def _is_of(scenario: Scenario, folder: Path) -> bool:
         return True
 
 
-def _resume(course: Course, file: Path) -> None:
+def _resume(course: TrainingCourse, file: Path) -> None:
     """Continue from a checkpoint, if there is one.
 
     Raises PolicyError if the checkpoint is damaged or belongs to another training.
@@ -155,19 +155,19 @@ def _resume(course: Course, file: Path) -> None:
                 f"{file}: the checkpoint of another training: its scenario, a file or component of "
                 "it, seeds or learning parameters differ"
             )
-        found = checkpoint.read(file, training.q.shape)
+        point = checkpoint.read(file, training.q.shape)
     except PolicyError as error:
         raise PolicyError(f"{error}{_older(training, file)}") from error
-    if found.memory.episode > training.settings.episodes:
+    if point.memory.episode > training.settings.episodes:
         raise PolicyError(
-            f"{file}: it has learned for {found.memory.episode} episodes already, more than "
+            f"{file}: it has learned for {point.memory.episode} episodes already, more than "
             f"{training.settings.episodes}"
         )
     try:
-        training.recall(found.memory)
+        training.recall(point.memory)
     except PolicyError as error:
         raise PolicyError(f"{file}: {error}") from error
-    course.rows, course.first = found.rows, training.episode
+    course.rows, course.first = point.rows, training.episode
 
 
 def _older(training: Training, damaged: Path) -> str:
@@ -188,18 +188,18 @@ def _identity(scenario: Scenario) -> str:
     return f"{__version__}/{scenario_hash(scenario.model_copy(update={'learning': learning}))}"
 
 
-def _save(course: Course, folder: Path) -> None:
+def _save(course: TrainingCourse, folder: Path) -> None:
     training = course.training
-    found = checkpoint.Checkpoint(
+    point = checkpoint.Checkpoint(
         _identity(training.world.scenario), training.remember(), course.rows
     )
-    content = checkpoint.to_bytes(found)
+    content = checkpoint.to_bytes(point)
     with suppress(OSError):
         write_whole(folder / BEFORE, (folder / CHECKPOINT).read_bytes())
     write_whole(folder / CHECKPOINT, content)
 
 
-def _finish(course: Course, folder: Path) -> None:
+def _finish(course: TrainingCourse, folder: Path) -> None:
     """Write the files of a finished training; the manifest comes last."""
     training = course.training
     table = learned(training)

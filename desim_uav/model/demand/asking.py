@@ -20,7 +20,7 @@ from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.components import (
     Compiled,
     Function,
-    Values,
+    ValuesAt,
     call_at,
     compiled_or_none,
     kind_of,
@@ -189,8 +189,8 @@ class RowDemand:
     ) -> Requests:
         """Return the requests of one episode, with one random stream per user."""
         states = streams.states(users)[np.newaxis]
-        drawn: Requests = RowDraws(self, services, horizon_us).of(states)[0]
-        return drawn
+        requests: Requests = RowDraws(self, services, horizon_us).of(states)[0]
+        return requests
 
 
 def from_now(demand: Any, now_us: int) -> Any:
@@ -369,7 +369,7 @@ def _asking_of(demand: Any) -> Any:
     return row(type("Asking", (Row,), {"__annotations__": kinds}))
 
 
-def _around(cls: Any, values_at: Values) -> Any:
+def _around(cls: Any, values_at: ValuesAt) -> Any:
     """Return the function ``draw`` of a class of models (see ``Function.around``)."""
     ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous))
     draw_all, owner = ruled(_draw_by(ask, held, put_back)), owner_of(cls)
@@ -444,9 +444,9 @@ class RowDraws:
     ) -> Any:
         """Draw the requests, and return the Asking."""
         model: Any = type(self.demand)
-        made, cls, users = self._compiled, _asking_of(model), states.shape[1]
+        code, cls, users = self._compiled, _asking_of(model), states.shape[1]
         asking: Any
-        if made is None:
+        if code is None:
             asking = blank(cls)
             asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(asks) - 1
             asking.states = Table(states.reshape(-1).tolist())
@@ -464,18 +464,18 @@ class RowDraws:
         tables = {"states": states, "offsets": offsets, "asks": asks, "drawn": drawn}
         for name, array in tables.items():
             attach(block, cls, name, array)
-        values, offer = made.values, self._packed_offer
-        call_at(made.functions["draw"], (place(values), place(block), place(offer)))
+        values, offer = code.values, self._packed_offer
+        call_at(code.functions["draw"], (place(values), place(block), place(offer)))
         return asking
 
 
 def _what_is_wrong(asking: Asking) -> str:
     """Return a description of the invalid draw of a user."""
     user, asker = asking.lost - 1, asking.asker
-    drawn = (
+    draws = (
         f"wait {asker.wait_us} µs, service {asker.service}, {asker.required_us} µs, "
         f"{asker.bandwidth_bps} bit/s"
     )
     if asker.draws > MOST_IDLE:
-        return f"no time passes between the requests of user {user} ({drawn})"
-    return f"user {user} drew what is no request: {drawn}"
+        return f"no time passes between the requests of user {user} ({draws})"
+    return f"user {user} drew what is no request: {draws}"

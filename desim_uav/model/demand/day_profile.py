@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Le, Lt, MaxLen, MinLen
 
 from desim_uav.model.demand.asking import NO_MORE_US, RowDemand, ask_for_mix
-from desim_uav.model.demand.demand import PAPER_MIX, Nothing, Weight, too_few
+from desim_uav.model.demand.demand import PAPER_MIX, MixWeight, Nothing, too_few
 from desim_uav.model.random.streams import uniform
 from desim_uav.model.rules import US
 from desim_uav.registry import Checked, register
@@ -63,7 +63,7 @@ class DayProfile(RowDemand):
     """The hour of the day at which an episode begins."""
     none: Nothing = 0.0
     """The probability that an arrival is no request."""
-    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    mix: dict[str, MixWeight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
     none.
     """
@@ -151,13 +151,13 @@ def _pieces(profile: tuple[Point, ...], linear: bool) -> list[tuple[float, ...]]
     if first_s > 0.0:
         points.insert(0, (0.0, last + slope * (DAY_S - last_s)))
     points.append((DAY_S, last + slope * (DAY_S - last_s)))
-    pieces, passed = [], 0.0
+    pieces, integral = [], 0.0
     for (from_s, rate), (to_s, after) in pairwise(points):
         lasts_s = to_s - from_s
         change = (after - rate) / lasts_s if linear else 0.0
-        pieces.append((from_s, rate, change, passed))
-        passed += lasts_s * (rate + 0.5 * change * lasts_s)
-    return [*pieces, (DAY_S, 0.0, 0.0, passed)]
+        pieces.append((from_s, rate, change, integral))
+        integral += lasts_s * (rate + 0.5 * change * lasts_s)
+    return [*pieces, (DAY_S, 0.0, 0.0, integral)]
 
 
 @rule
@@ -178,11 +178,11 @@ def passed_at(pieces: Table[float], first: int, end: int, t_s: float) -> float:
 
 
 @rule
-def time_of(pieces: Table[float], first: int, end: int, passed: float) -> float:
+def time_of(pieces: Table[float], first: int, end: int, integral: float) -> float:
     """Return the time in seconds after a midnight at which the integral of the rate has a value."""
     a_day = pieces[PIECE * (end - 1) + PASSED]
-    days = math.floor(passed / a_day)
-    left = max(passed - days * a_day, 0.0)
+    days = math.floor(integral / a_day)
+    left = max(integral - days * a_day, 0.0)
     k = first
     while k < end - 2 and pieces[PIECE * (k + 1) + PASSED] <= left:
         k += 1

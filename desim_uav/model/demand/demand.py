@@ -55,7 +55,7 @@ class Demand(Protocol):
         """
 
 
-Weight = Annotated[float, Ge(0)]
+MixWeight = Annotated[float, Ge(0)]
 Nothing = Annotated[float, Ge(0), Le(0.999)]
 """The probability that a draw asks for nothing: rarely enough that the draws come to an end."""
 
@@ -102,7 +102,7 @@ class Static(RowDemand):
 
     none: Annotated[float, Ge(0), Le(1)] = 0.0
     """The probability that a user asks for nothing."""
-    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    mix: dict[str, MixWeight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
     none.
     """
@@ -132,7 +132,7 @@ class Dynamic(RowDemand):
     """
     none: Nothing = 0.0
     """The probability that a draw is no request but another think time."""
-    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    mix: dict[str, MixWeight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
     none.
     """
@@ -165,7 +165,7 @@ class Poisson(RowDemand):
     """The mean number of arrivals per user and hour."""
     none: Nothing = 0.0
     """The probability that an arrival is no request."""
-    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    mix: dict[str, MixWeight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
     none.
     """
@@ -209,17 +209,17 @@ class Trace:
 
     def problems(self, users: int, services: Sequence[str]) -> list[str]:
         """Return the problems of the file: users or services that the scenario does not have."""
-        found = []
+        problems = []
         for user, _, service, _, _, line in self._table():
             if user >= users:
-                found.append(f"{self.file}:{line}: user: {user}: must be from 0 to {users - 1}")
+                problems.append(f"{self.file}:{line}: user: {user}: must be from 0 to {users - 1}")
             if service not in services:
                 hint = did_you_mean(service, services)
-                found.append(
+                problems.append(
                     f"{self.file}:{line}: service: {service!r}: unknown{hint}; "
                     f"allowed: {', '.join(services)}"
                 )
-        return found
+        return problems
 
     def doubts(self, users: int, horizon_s: float) -> Iterator[str]:
         """Yield how many requests an episode leaves out that lasts so long."""
@@ -248,10 +248,10 @@ class Trace:
 
     def largest_kbps(self) -> Mapping[str, float]:
         """Return the largest bandwidth that is asked for by each service."""
-        found: dict[str, float] = {}
+        largest: dict[str, float] = {}
         for _, _, service, _, kbps, _ in self._table():
-            found[service] = max(kbps, found.get(service, 0.0))
-        return found
+            largest[service] = max(kbps, largest.get(service, 0.0))
+        return largest
 
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
         """Return the number of recorded requests."""
@@ -319,9 +319,9 @@ def _counted(demand: Demand, requests: Requests, services: Catalogue) -> Request
     """
     lacking = DRAWN + services.draws - requests.rows.shape[1]
     rows = np.pad(requests.rows, ((0, 0), (0, max(lacking, 0))))
-    asked = np.clip(rows[:, SERVICE], 0, len(services.names) - 1)
+    service = np.clip(rows[:, SERVICE], 0, len(services.names) - 1)
     limits = {DUE_US: (0, MOST_REQUIRED)} | {
-        DRAWN + k: (services.least[asked, k], services.most[asked, k])
+        DRAWN + k: (services.least[service, k], services.most[service, k])
         for k in range(services.draws)
     }
     for column, (least, most) in limits.items():

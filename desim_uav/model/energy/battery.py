@@ -1,7 +1,7 @@
 """Energy models, by which flight drains a battery, and charging.
 
 The charge of a battery is measured in microseconds of autonomy (flight time), or by an energy model
-with a ``capacity_uj`` in microjoules; names such as ``battery_us`` stand for both.
+with a ``capacity_uj`` in microjoules; names such as ``charge`` stand for both.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MOST_CHARGE = 2**46
 """The largest capacity, in microseconds or microjoules: ``_share`` counts up to it."""
 
 LONGEST_MIN = 1_000_000
-"""The longest autonomy and the longest full charge, in minutes, that ``charged_us`` allows."""
+"""The longest autonomy and the longest full charge, in minutes, that ``charge_after`` allows."""
 
 WH_UJ = 3_600_000_000
 """The microjoules of a watt-hour."""
@@ -38,15 +38,15 @@ class Energy(Protocol):
     on_crash: Literal["respawn", "remove", "end_episode"]
     respawn_after_min: float
 
-    def drained_us(self, flight: Transit, elapsed_us: int) -> int:
+    def drain_of(self, flight: Transit, elapsed_us: int) -> int:
         """Return the autonomy used in the first ``elapsed_us`` of a transit (``REST``: a hover).
 
         It is a whole number of microseconds and must not decrease with ``elapsed_us``, which is at
         most the transit's duration; a hover can last for any time.
         """
 
-    def lasts_us(self, flight: Transit, battery_us: int) -> int:
-        """Return the smallest ``elapsed_us`` at which ``drained_us`` reaches ``battery_us``."""
+    def lasts_us(self, flight: Transit, charge: int) -> int:
+        """Return the smallest ``elapsed_us`` at which ``drain_of`` reaches ``charge``."""
 
 
 class RowEnergy:
@@ -59,24 +59,24 @@ class RowEnergy:
     ``model.motion.motion.Transit``. Compiled code can use rows and numbers only.
     """
 
-    plain: ClassVar = ("drained_us", "lasts_us")
+    plain: ClassVar = ("drain_of", "lasts_us")
     """The methods of which a subclass overrides one if it works on Python objects, not on rows."""
 
     def drains(self, flight: Transit, elapsed_us: int) -> int:
-        """Return the autonomy used, in microseconds (see ``Energy.drained_us``)."""
+        """Return the autonomy used, in microseconds (see ``Energy.drain_of``)."""
         raise NotImplementedError
 
-    def lasts(self, flight: Transit, battery_us: int) -> int:
+    def lasts(self, flight: Transit, charge: int) -> int:
         """Return the time until the battery is empty, in microseconds (see ``Energy.lasts_us``)."""
         raise NotImplementedError
 
-    def drained_us(self, flight: Transit, elapsed_us: int) -> int:
+    def drain_of(self, flight: Transit, elapsed_us: int) -> int:
         """Return the autonomy used, by ``drains``."""
         return self.drains(flight, elapsed_us)
 
-    def lasts_us(self, flight: Transit, battery_us: int) -> int:
+    def lasts_us(self, flight: Transit, charge: int) -> int:
         """Return the time until the battery is empty, by ``lasts``."""
-        return self.lasts(flight, battery_us)
+        return self.lasts(flight, charge)
 
 
 def capacity_of(energy: Energy | None) -> int:
@@ -91,7 +91,7 @@ def in_joules(energy: Energy | None) -> int:
     return getattr(energy, "capacity_uj", 0)
 
 
-def per_second_of(energy: Energy | None, wind_mps: float = 0.0) -> int:
+def drain_per_s_of(energy: Energy | None, wind_mps: float = 0.0) -> int:
     """Return how much charge a second of hovering takes: in microseconds, or in microjoules.
 
     In wind, a drone hovers at its speed through the air, if the energy model has powers by speed.
@@ -137,9 +137,9 @@ class Endurance(RowEnergy):
         """Return the time in the air, which is the autonomy used."""
         return elapsed_us
 
-    def lasts(self, flight: Transit, battery_us: int) -> int:
+    def lasts(self, flight: Transit, charge: int) -> int:
         """Return the charge, which is the time left in the air."""
-        return battery_us
+        return charge
 
 
 @register("battery", "per_action")
@@ -159,16 +159,16 @@ class PerAction(Endurance):
         if flight.distance_m == 0.0:
             return elapsed_us
         action_us = round(self.action_min * float(MINUTE_US))
-        drained_us, _ = _share(action_us, elapsed_us, flight.duration_us)
-        return drained_us
+        drain_of, _ = _share(action_us, elapsed_us, flight.duration_us)
+        return drain_of
 
-    def lasts(self, flight: Transit, battery_us: int) -> int:
+    def lasts(self, flight: Transit, charge: int) -> int:
         """Return the time until the actions' shares add up to the battery."""
         if flight.distance_m == 0.0:
-            return battery_us
+            return charge
         action_us = round(self.action_min * float(MINUTE_US))
-        flights, duration_us = battery_us // action_us, flight.duration_us
-        rest_us, left = _share(duration_us, battery_us - flights * action_us, action_us)
+        flights, duration_us = charge // action_us, flight.duration_us
+        rest_us, left = _share(duration_us, charge - flights * action_us, action_us)
         return int(flights * duration_us + rest_us + (1 if left > 0 else 0))
 
     def problems(self, motion: Motion, step_s: float) -> list[str]:
@@ -189,22 +189,22 @@ class PerAction(Endurance):
 
 
 @kernel
-def charged_us(battery_us: int, elapsed_us: int, capacity_us: int, full_charge_us: int) -> int:
+def charge_after(charge: int, elapsed_us: int, capacity: int, full_charge_us: int) -> int:
     """Return the battery after ``elapsed_us`` of charging, rounded down to a microsecond.
 
     Charging is linear and takes ``full_charge_us`` for the whole capacity. All times are below
     2^46 microseconds, which is more than ``LONGEST_MIN``.
     """
     if elapsed_us >= full_charge_us:
-        return capacity_us
-    gained_us, _ = _share(capacity_us, elapsed_us, full_charge_us)
-    return min(capacity_us, battery_us + gained_us)
+        return capacity
+    gain, _ = _share(capacity, elapsed_us, full_charge_us)
+    return min(capacity, charge + gain)
 
 
 @kernel
-def time_to_full_us(battery_us: int, capacity_us: int, full_charge_us: int) -> int:
-    """Return the time to a full battery, rounded up to a microsecond (see ``charged_us``)."""
-    takes_us, rest = _share(full_charge_us, capacity_us - battery_us, capacity_us)
+def time_to_full_us(charge: int, capacity: int, full_charge_us: int) -> int:
+    """Return the time to a full battery, rounded up to a microsecond (see ``charge_after``)."""
+    takes_us, rest = _share(full_charge_us, capacity - charge, capacity)
     return takes_us + (1 if rest > 0 else 0)
 
 

@@ -16,7 +16,7 @@ from desim_uav.model.energy.battery import (
     LONGEST_MIN,
     Energy,
     capacity_of,
-    charged_us,
+    charge_after,
     in_joules,
     time_to_full_us,
 )
@@ -80,7 +80,7 @@ class Constant(RowCharging):
     def charged(self, battery: int, elapsed_us: int, capacity: int) -> int:
         """Return the charge, which rises linearly up to the capacity."""
         full_charge_us = round(self.full_charge_min * 60 * US)
-        return int(charged_us(battery, elapsed_us, capacity, full_charge_us))
+        return int(charge_after(battery, elapsed_us, capacity, full_charge_us))
 
     def until_full_us(self, battery: int, capacity: int) -> int:
         """Return the share of a full charge that is missing."""
@@ -119,8 +119,8 @@ class Tapered(RowCharging):
             object.__setattr__(self, "power", float(self.power_w))
         if self.full_charge_min is not None:
             knee, left = min(self.taper_from, self.full_at), 1.0 - self.taper_from
-            passed = knee + left * math.log(left / (1.0 - max(self.taper_from, self.full_at)))
-            object.__setattr__(self, "per_capacity", passed / (self.full_charge_min * 60 * US))
+            span = knee + left * math.log(left / (1.0 - max(self.taper_from, self.full_at)))
+            object.__setattr__(self, "per_capacity", span / (self.full_charge_min * 60 * US))
 
     def full(self, capacity: int) -> int:
         """Return the share ``full_at`` of the capacity."""
@@ -183,8 +183,8 @@ def tapered(
         return min(full, battery + int(power * elapsed_us))
     tau_us = (1.0 - taper_from) * capacity / power
     missing = capacity - max(float(battery), knee)
-    held = capacity - missing * math.exp((linear_us - elapsed_us) / tau_us)
-    return max(battery, min(full, int(held)))
+    charge = capacity - missing * math.exp((linear_us - elapsed_us) / tau_us)
+    return max(battery, min(full, int(charge)))
 
 
 @kernel

@@ -78,8 +78,8 @@ class FixedWing(RowEnergy):
     @property
     def wing(self) -> Wing:
         """The parameters of the wing."""
-        named: Wing = WINGS.get(self.parameters, self.parameters)
-        return named
+        wing: Wing = WINGS.get(self.parameters, self.parameters)
+        return wing
 
     def level_w(self, speed_mps: float) -> float:
         """Return the power in level flight at a constant speed, in watts."""
@@ -93,14 +93,14 @@ class FixedWing(RowEnergy):
         """Return the energy used in µJ, rounded down."""
         return used_uj(self, flight, elapsed_us)
 
-    def lasts(self, flight: Transit, battery_us: int) -> int:
+    def lasts(self, flight: Transit, charge: int) -> int:
         """Return the time until the energy used reaches the battery, rounded up."""
         least_us, most_us = -1, int(flight.duration_us)
-        while used_uj(self, flight, most_us) < battery_us:
+        while used_uj(self, flight, most_us) < charge:
             least_us, most_us = most_us, 2 * most_us + US
         while most_us - least_us > 1:
             middle_us = (least_us + most_us) // 2
-            if used_uj(self, flight, middle_us) < battery_us:
+            if used_uj(self, flight, middle_us) < charge:
                 least_us = middle_us
             else:
                 most_us = middle_us
@@ -148,6 +148,6 @@ def piece_j(own: Any, piece: Any, passes_s: float) -> float:
     """Return the energy of the beginning of a piece of a flight."""
     if piece.acceleration_mps2 == 0.0:
         return float((power_w(own, piece.speed_mps) + own.electronics_w) * passes_s)
-    reached = piece.speed_mps + piece.acceleration_mps2 * passes_s
-    drag_j = speeding_j(own.c1, own.c2, piece.speed_mps, reached) / piece.acceleration_mps2
+    end_mps = piece.speed_mps + piece.acceleration_mps2 * passes_s
+    drag_j = speeding_j(own.c1, own.c2, piece.speed_mps, end_mps) / piece.acceleration_mps2
     return float(drag_j + own.electronics_w * passes_s)

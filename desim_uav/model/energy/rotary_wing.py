@@ -1,7 +1,7 @@
 """The battery of a rotary-wing drone: flights take energy that depends on speeds and climbs.
 
 The battery is measured in microjoules: where other batteries have microseconds of autonomy, names
-such as ``battery_us`` stand for microjoules here.
+such as ``charge`` stand for microjoules here.
 """
 
 from __future__ import annotations
@@ -135,12 +135,12 @@ class RotaryWing(RowEnergy):
 
     def _check_datasheet(self) -> None:
         """Raise ValueError unless mass and hover are both given, or neither."""
-        given = [name for name in ("hover_w", "hover_min") if getattr(self, name) is not None]
+        names = [name for name in ("hover_w", "hover_min") if getattr(self, name) is not None]
         if self.mass_kg is None:
-            if given:
-                raise ValueError(f"{given[0]} needs mass_kg, from which the rotor follows")
+            if names:
+                raise ValueError(f"{names[0]} needs mass_kg, from which the rotor follows")
             return
-        if len(given) != 1:
+        if len(names) != 1:
             raise ValueError("mass_kg needs either hover_w or hover_min")
         if self.parameters != "zeng2019":
             raise ValueError("give parameters, or mass_kg and hover_w or hover_min, not both")
@@ -163,8 +163,8 @@ class RotaryWing(RowEnergy):
         """The parameters of the rotor."""
         if self.mass_kg is not None:
             return rotor_of(self.mass_kg, self._datasheet_w - self.electronics_w)
-        named: Rotor = ROTORS.get(self.parameters, self.parameters)
-        return named
+        rotor: Rotor = ROTORS.get(self.parameters, self.parameters)
+        return rotor
 
     @property
     def powers(self) -> Powers:
@@ -183,7 +183,7 @@ class RotaryWing(RowEnergy):
         """Return the energy used in µJ, rounded down."""
         return used_uj(self, flight, elapsed_us)
 
-    def lasts(self, flight: Transit, battery_us: int) -> int:
+    def lasts(self, flight: Transit, charge: int) -> int:
         """Return the time until the energy used reaches the battery, rounded up to a microsecond.
 
         The energy rises with time, so the microsecond is found by halving an interval. If the
@@ -191,17 +191,17 @@ class RotaryWing(RowEnergy):
         """
         least_us, most_us = -1, int(flight.duration_us)
         used = used_uj(self, flight, most_us)
-        if used < battery_us:
-            rests_us = (battery_us - used) / hovering_w(self, flight)
+        if used < charge:
+            rests_us = (charge - used) / hovering_w(self, flight)
             near_us = most_us + int(min(rests_us, LONGEST_US))
             least_us, most_us = near_us - 1, near_us
-            while used_uj(self, flight, most_us) < battery_us and most_us < LONGEST_US:
+            while used_uj(self, flight, most_us) < charge and most_us < LONGEST_US:
                 least_us, most_us = most_us, most_us + 1 + (most_us - near_us) // NEAR_US
-            while used_uj(self, flight, least_us) >= battery_us:
+            while used_uj(self, flight, least_us) >= charge:
                 least_us, most_us = least_us - 1 - (near_us - least_us) // NEAR_US, least_us
         while most_us - least_us > 1:
             middle_us = (least_us + most_us) // 2
-            if used_uj(self, flight, middle_us) < battery_us:
+            if used_uj(self, flight, middle_us) < charge:
                 least_us = middle_us
             else:
                 most_us = middle_us
@@ -314,6 +314,6 @@ def piece_j(own: Any, piece: Any, level: float, passes_s: float) -> float:
     acceleration, speed = level * piece.acceleration_mps2, level * piece.speed_mps
     if acceleration == 0.0:
         return float(power_w(own, speed) * passes_s + electronics_j)
-    reached = max(0.0, speed + acceleration * passes_s)
-    drag_j = (speeding_j(own, reached) - speeding_j(own, speed)) / acceleration
+    end_mps = max(0.0, speed + acceleration * passes_s)
+    drag_j = (speeding_j(own, end_mps) - speeding_j(own, speed)) / acceleration
     return float(drag_j + electronics_j)

@@ -123,9 +123,9 @@ def reachable(blocked: NDArray[np.bool_], start: Cell) -> NDArray[np.bool_]:
 @maker
 def _flooded(blocked: NDArray[np.bool_], start_x: int, start_y: int) -> NDArray[np.bool_]:
     nx, ny = blocked.shape
-    reached = np.zeros((nx, ny), np.bool_)
+    is_reachable = np.zeros((nx, ny), np.bool_)
     frontier = np.empty((nx * ny, 2), np.int64)
-    reached[start_x, start_y] = True
+    is_reachable[start_x, start_y] = True
     frontier[0, 0], frontier[0, 1] = start_x, start_y
     waiting = 1
     while waiting > 0:
@@ -137,11 +137,11 @@ def _flooded(blocked: NDArray[np.bool_], start_x: int, start_y: int) -> NDArray[
                 jx += 1 - 2 * direction
             else:
                 jy += 5 - 2 * direction
-            if 0 <= jx < nx and 0 <= jy < ny and not blocked[jx, jy] and not reached[jx, jy]:
-                reached[jx, jy] = True
+            if 0 <= jx < nx and 0 <= jy < ny and not blocked[jx, jy] and not is_reachable[jx, jy]:
+                is_reachable[jx, jy] = True
                 frontier[waiting, 0], frontier[waiting, 1] = jx, jy
                 waiting += 1
-    return reached
+    return is_reachable
 
 
 def connected(blocked: NDArray[np.bool_]) -> bool:

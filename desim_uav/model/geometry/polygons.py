@@ -92,7 +92,7 @@ def grown(convex: Polygon, margin_m: float) -> Polygon:
     Edges are moved outwards. Corners of at most 90 degrees of turn are mitred; sharper ones are
     cut at the margin, too, so that no place is farther than sqrt(2) margins from the polygon.
     """
-    found = []
+    corners_m = []
     for before, corner, after in zip(
         np.roll(convex, 1, axis=0), convex, np.roll(convex, -1, axis=0), strict=True
     ):
@@ -103,8 +103,8 @@ def grown(convex: Polygon, margin_m: float) -> Polygon:
             middle = middle - (after - corner) / np.hypot(*(after - corner))
             normals.insert(1, middle / np.hypot(*middle))
         for one, other in pairwise(normals):
-            found.append(corner + (one + other) * (margin_m / (1.0 + one @ other)))
-    return np.array(found)
+            corners_m.append(corner + (one + other) * (margin_m / (1.0 + one @ other)))
+    return np.array(corners_m)
 
 
 def _words(place: Polygon) -> str:
@@ -152,9 +152,9 @@ def _meeting_edges(polygon: Polygon) -> list[tuple[int, int]]:
     return _pairs(meet)
 
 
-def _pairs(found: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _pairs(matrix: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return the pairs of different numbers that are found, in order, the lower one first."""
-    return [(int(i), int(j)) for i, j in zip(*np.nonzero(np.triu(found, 1)), strict=True)]
+    return [(int(i), int(j)) for i, j in zip(*np.nonzero(np.triu(matrix, 1)), strict=True)]
 
 
 def _folds(polygon: Polygon, k: int) -> bool:
@@ -169,15 +169,15 @@ def _folds(polygon: Polygon, k: int) -> bool:
 
 def _triangles(polygon: Polygon) -> list[list[int]]:
     """Return the triangles that ears leave, as numbers of corners."""
-    left, found = list(range(len(polygon))), []
+    left, triangles = list(range(len(polygon))), []
     while len(left) > 3:
         heights_m = _ears(polygon[left])
         best = int(np.argmax(heights_m))
         if heights_m[best] < 0.0:
             raise ValueError("the polygon cannot be cut into parts; its edges nearly meet")
-        found.append([left[best - 1], left[best], left[(best + 1) % len(left)]])
+        triangles.append([left[best - 1], left[best], left[(best + 1) % len(left)]])
         del left[best]
-    return [*found, left]
+    return [*triangles, left]
 
 
 def _ears(ring: Polygon) -> NDArray[np.float64]:

@@ -87,7 +87,7 @@ def _between(
     c: Coefficients, above: bool, count: int, turns: Points, end: float, graze: float
 ) -> tuple[int, Points]:
     """Return the changes of sign of a polynomial that is monotone between ``turns``."""
-    found, roots = 0, NOTHING
+    changes, roots = 0, NOTHING
     low = 0.0
     for k in range(count + 1):
         high = turns[k] if k < count else end
@@ -96,15 +96,15 @@ def _between(
         if is_above != above:
             root = _root(c, low, high, is_above)
             roots = (
-                root if found == 0 else roots[0],
-                root if found == 1 else roots[1],
-                root if found == 2 else roots[2],
-                root if found == 3 else roots[3],
+                root if changes == 0 else roots[0],
+                root if changes == 1 else roots[1],
+                root if changes == 2 else roots[2],
+                root if changes == 3 else roots[3],
             )
-            found += 1
+            changes += 1
             above = is_above
         low = high
-    return found, roots
+    return changes, roots
 
 
 @part

@@ -136,7 +136,7 @@ def _rectangles(height_m: NDArray[np.float64]) -> list[tuple[int, int, int, int,
     """Return rectangles of equally high built cells: x0, y0, x1, y1 (in cells) and the height."""
     nx, ny = height_m.shape
     left = height_m > 0.0
-    found = []
+    rectangles = []
     for ix in range(nx):
         for iy in range(ny):
             if not left[ix, iy]:
@@ -147,8 +147,8 @@ def _rectangles(height_m: NDArray[np.float64]) -> list[tuple[int, int, int, int,
             while x1 < nx and left[x1, iy:y1].all() and (height_m[x1, iy:y1] == roof).all():
                 x1 += 1
             left[ix:x1, iy:y1] = False
-            found.append((ix, iy, x1, y1, float(roof)))
-    return found
+            rectangles.append((ix, iy, x1, y1, float(roof)))
+    return rectangles
 
 
 @kernel
@@ -205,11 +205,11 @@ def entry_into(prisms: Prisms, b: int, start: Point, stop: Point) -> float:
         begin, end = _cut(nx * x0 + ny * y0 - at, nx * x1 + ny * y1 - at, begin, end)
     if not begin < end:
         return np.inf
-    held = depth(prisms, b, start) if begin == 0.0 else 0.0
+    depth_m = depth(prisms, b, start) if begin == 0.0 else 0.0
     deepest = depth(prisms, b, _between(start, stop, 0.5 * (begin + end)))
     if end == 1.0:
         deepest = max(deepest, depth(prisms, b, stop))
-    return begin if deepest > max(held, TOUCH_M) else np.inf
+    return begin if deepest > max(depth_m, TOUCH_M) else np.inf
 
 
 @part

@@ -148,11 +148,11 @@ def turning_points(piece: Relative, end: float) -> tuple[int, Points]:
             continue
         high_slope = _slope(piece, high)
         if low_slope * high_slope < 0.0:
-            found = _slope_root(piece, low, high, low_slope < 0.0)
+            root = _slope_root(piece, low, high, low_slope < 0.0)
             points = (
-                found if count == 0 else points[0],
-                found if count == 1 else points[1],
-                found if count == 2 else points[2],
+                root if count == 0 else points[0],
+                root if count == 1 else points[1],
+                root if count == 2 else points[2],
             )
             count += 1
         low, low_slope = high, high_slope

@@ -90,18 +90,18 @@ def corners_at(prisms: Prisms, altitude_m: float, size_m: tuple[float, float]) -
     places = prisms.corners_m[rows]
     on_map = ((places >= 0.0) & (places <= np.array(size_m))).all(axis=1)
     free = [deepest_at(prisms, (x, y, altitude_m)) <= TOUCH_M for x, y in places[on_map].tolist()]
-    found: NDArray[np.int64] = rows[on_map][np.array(free, bool)]
-    return found
+    corners: NDArray[np.int64] = rows[on_map][np.array(free, bool)]
+    return corners
 
 
 def _sides(prisms: Prisms) -> NDArray[np.float64]:
     """Return the directions of the walls that end and that begin at each corner: (corners, 4)."""
-    found = np.empty((len(prisms.corners_m), 4))
+    directions = np.empty((len(prisms.corners_m), 4))
     for first, last in zip(prisms.offsets[:-1], prisms.offsets[1:], strict=True):
         corners = prisms.corners_m[first:last]
-        found[first:last, :2] = corners - np.roll(corners, 1, axis=0)
-        found[first:last, 2:] = np.roll(corners, -1, axis=0) - corners
-    return found
+        directions[first:last, :2] = corners - np.roll(corners, 1, axis=0)
+        directions[first:last, 2:] = np.roll(corners, -1, axis=0) - corners
+    return directions
 
 
 @maker
@@ -114,7 +114,7 @@ def _lines(
     or that leave it with a bend away from it, are on no shortest way, and are left out.
     """
     count = len(nodes_m)
-    found = np.full((count, count), np.inf)
+    lengths_m = np.full((count, count), np.inf)
     for i in range(count):
         for j in range(i + 1, count):
             dx, dy = nodes_m[j, 0] - nodes_m[i, 0], nodes_m[j, 1] - nodes_m[i, 1]
@@ -123,8 +123,8 @@ def _lines(
             start = (nodes_m[i, 0], nodes_m[i, 1], altitude_m)
             stop = (nodes_m[j, 0], nodes_m[j, 1], altitude_m)
             if first_entry(prisms, start, stop) == np.inf:
-                found[i, j] = found[j, i] = np.sqrt(dx * dx + dy * dy)
-    return found
+                lengths_m[i, j] = lengths_m[j, i] = np.sqrt(dx * dx + dy * dy)
+    return lengths_m
 
 
 @part
@@ -239,7 +239,7 @@ def times_along(ways: Roads, limits: Limits, wind: Wind, cruise_mps: float) -> N
     is no way, or where the wind is too strong.
     """
     stations, count = ways.lengths_m.shape
-    found = np.full((stations, count), -1, np.int64)
+    times_us = np.full((stations, count), -1, np.int64)
     for station in range(stations):
         for k in range(count):
             node, total = k, 0
@@ -253,8 +253,8 @@ def times_along(ways: Roads, limits: Limits, wind: Wind, cruise_mps: float) -> N
                     break
                 total += leg.duration_us
                 node = ahead
-            found[station, k] = total
-    return found
+            times_us[station, k] = total
+    return times_us
 
 
 @part

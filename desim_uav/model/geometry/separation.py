@@ -50,12 +50,12 @@ def conflicts(
     other: Rows,
     least_m: float,
     span_us: tuple[int, int],
-    held: int,
+    initial: int,
     out: Table[Turn],
 ) -> int:
     """Write when two drones come nearer than ``least_m`` and part again; return the rows' number.
 
-    Both tracks are of the span. Turns go into ``out``; ``held`` is the state before
+    Both tracks are of the span. Turns go into ``out``; ``initial`` is the state before
     the span, and a row at its start says if it is another one there (-1: always). States at both
     ends of the span depend on the places there only, changes in one microsecond cancel, and a pair
     at just the least distance is clear. If ``out`` is too short, the number is larger than its
@@ -63,7 +63,7 @@ def conflicts(
     """
     limit, i, j = least_m * least_m, one[0], other[0]
     state = NEAR if limit > _square(tracks[i], tracks[j], 0.0)[0] else CLEAR
-    rows = note(out, 0, held, span_us[0], state)
+    rows = note(out, 0, initial, span_us[0], state)
     end, at = tracks[one[1] - 1].begin_s, 0.0
     while at < end:
         i, j = row_at(tracks, i, one[1], at), row_at(tracks, j, other[1], at)
@@ -73,10 +73,10 @@ def conflicts(
         count, roots = sign_changes(c, state == NEAR, until - at, GRAZE * (square[0] + limit))
         for k in range(count):
             state = 1 - state
-            rows = note(out, rows, held, rounded_us(span_us[0], at + roots[k]), state)
+            rows = note(out, rows, initial, rounded_us(span_us[0], at + roots[k]), state)
         at = until
     last = _square(tracks[one[1] - 1], tracks[other[1] - 1], end)
-    return note(out, rows, held, span_us[1], NEAR if limit > last[0] else CLEAR)
+    return note(out, rows, initial, span_us[1], NEAR if limit > last[0] else CLEAR)
 
 
 @kernel

@@ -128,17 +128,17 @@ def leaves_the_map(walks: Walks, area: Area, horizon_us: int) -> str:
     ends = np.append(begins[1:], 0.0)
     ends[offsets[1:] - 1] = horizon_us  # the last leg of each user goes on
     seconds = np.maximum(np.minimum(ends, horizon_us) - begins, 0.0) / US
-    found = []
+    exits = []
     for t_us, shift_s in ((begins, 0.0), (begins + seconds * US, seconds)):
         x, y = legs[:, X0] + legs[:, VX] * shift_s, legs[:, Y0] + legs[:, VY] * shift_s
         off = np.flatnonzero(off_map(x, y, area) & (t_us <= horizon_us))
         if len(off):
             first = off[np.argmin(t_us[off])]
             user = int(np.searchsorted(offsets, first, side="right")) - 1
-            found.append((t_us[first] / US, user, x[first], y[first]))
-    if not found:
+            exits.append((t_us[first] / US, user, x[first], y[first]))
+    if not exits:
         return ""
-    t_s, user, x_m, y_m = min(found)
+    t_s, user, x_m, y_m = min(exits)
     return (
         f"user {user} is off the map of {area.width_m:g} x {area.depth_m:g} m "
         f"at {t_s:g} s: ({x_m:g}, {y_m:g}) m"

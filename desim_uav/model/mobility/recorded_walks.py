@@ -107,19 +107,19 @@ class Trace:
 
     def problems(self, users: int, area: Area) -> list[str]:
         """Return the problems of the file in a scenario: unknown users, way points off its map."""
-        found, is_fcd = [], self._is_fcd
+        problems, is_fcd = [], self._is_fcd
         way_points = self._way_points()
         for user, points in way_points.items():
             if user >= users and is_fcd:
-                found.append(
+                problems.append(
                     f"{self.file}:{points[0].line}: {points[0].name} is number {user + 1}, but "
                     f"the scenario has {users}"
                 )
             for point in points:
                 if user >= users and not is_fcd:
                     at = f"{self.file}:{point.line}"
-                    found.append(f"{at}: user: {user}: must be from 0 to {users - 1}")
-        return [*found, *self._off_the_map(way_points, area)]
+                    problems.append(f"{at}: user: {user}: must be from 0 to {users - 1}")
+        return [*problems, *self._off_the_map(way_points, area)]
 
     def _off_the_map(self, way_points: WayPoints, area: Area) -> Iterator[str]:
         """Yield the way points that are off the map, and what would move them onto it."""
@@ -256,17 +256,17 @@ class Trace:
 
         If a user is walking at that time, the first one is the place that it has then reached.
         """
-        found: WayPoints = {}
+        points_of: WayPoints = {}
         is_fcd = self._is_fcd
         for number, points in self._recorded().items():
-            gone = sum(point.t_us < 0 for point in points)
-            if gone < len(points):
-                walks = gone > 0 and points[gone].t_us > 0
-                first = [_between(points[gone - 1], points[gone])] if walks else []
-                found[len(found) if is_fcd else number] = [*first, *points[gone:]]
+            before = sum(point.t_us < 0 for point in points)
+            if before < len(points):
+                walks = before > 0 and points[before].t_us > 0
+                first = [_between(points[before - 1], points[before])] if walks else []
+                points_of[len(points_of) if is_fcd else number] = [*first, *points[before:]]
             elif not is_fcd:
-                found[number] = [points[-1]._replace(t_us=0)]
-        return found
+                points_of[number] = [points[-1]._replace(t_us=0)]
+        return points_of
 
     def _recorded(self) -> WayPoints:
         """Return each user's way points, in the file's order, on the map of an episode."""

@@ -70,7 +70,7 @@ def _read_fcd(path: Path, version: Version) -> Fcd:
     except expat.ExpatError as error:
         why = expat.ErrorString(error.code)
         raise ValueError(f"{path}:{error.lineno}: it is not well-formed XML: {why}") from error
-    return Fcd(reader.found, len(reader.containers))
+    return Fcd(reader.way_points, len(reader.containers))
 
 
 class _Reader:
@@ -80,7 +80,7 @@ class _Reader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.found: list[WayPoint] = []
+        self.way_points: list[WayPoint] = []
         self.containers: set[str | None] = set()
         self.open: list[str] = []
         self.t_s = 0.0
@@ -110,7 +110,7 @@ class _Reader:
                 raise self._error(f"<{tag}>: expected within <{STEP}>")
             x_m, y_m = (self._number(tag, attributes, name, coordinate) for name in ("x", "y"))
             mover = f"{tag} {self._text(tag, attributes, 'id')!r}"
-            self.found.append(WayPoint(mover, self.t_s, x_m, y_m, self._line))
+            self.way_points.append(WayPoint(mover, self.t_s, x_m, y_m, self._line))
         self.open.append(tag)
 
     def end(self, tag: str) -> None:

@@ -36,7 +36,7 @@ from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of, poin
 from desim_uav.rowcode.components import (
     Compiled,
     Function,
-    Values,
+    ValuesAt,
     call_at,
     compiled_or_none,
     over_rows,
@@ -212,7 +212,7 @@ def walking_of(mobility: Any) -> Any:
     return row(type("Walking", (Row,), {"__annotations__": kinds}))
 
 
-def _around(cls: Any, values_at: Values) -> Any:
+def _around(cls: Any, values_at: ValuesAt) -> Any:
     """Return the function ``walk`` of a class of models (see ``Function.around``)."""
     walk_on = ruled(walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back))
     begin_all, words = ruled(begin_by(ruled(cls.begin))), remembering(Walker, cls).words
@@ -287,12 +287,12 @@ class RowWalks(Unchanging):
         model: Any = type(self.mobility)
         cls: Any = walking_of(model)
         own: Any = held_by(cls.kinds["walkers"])
-        made = compiled_walk(self.mobility)
+        code = compiled_walk(self.mobility)
         block = np.zeros(cls.words + len(self.homes) * own.words, np.int64)
-        walking: Any = View(block, cls) if made else blank(cls)
+        walking: Any = View(block, cls) if code else blank(cls)
         walking.width_m, walking.depth_m = self.area
         walking.horizon_us = self.horizon_us
-        if made is None:
+        if code is None:
             walking.legs, walking.legs_at = legs.reshape(-1), offsets
             walking.walkers = Table(blank(own) for _ in self.homes)
             mobility = over_rows(self.mobility, ())
@@ -307,8 +307,8 @@ class RowWalks(Unchanging):
         for name, array in (("walkers", block[cls.words :]), ("legs", legs), ("legs_at", offsets)):
             attach(block, cls, name, array)
         homes, states = map(np.ascontiguousarray, (self.homes, self.states))
-        places = (made.values, block, homes, states)
-        call_at(made.functions["walk"], (*map(place, places), 0, self.horizon_us))
+        places = (code.values, block, homes, states)
+        call_at(code.functions["walk"], (*map(place, places), 0, self.horizon_us))
         return walking
 
 

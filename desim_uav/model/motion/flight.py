@@ -6,8 +6,8 @@ import numpy as np
 
 from desim_uav.model.geometry.prisms import Prisms, first_entry
 from desim_uav.model.motion.legs import (
-    Bounds,
     FreeLeg,
+    LegBounds,
     along,
     commanded,
     direction,
@@ -24,7 +24,7 @@ def step_leg(
     limits: Limits,
     wind: Wind,
     cruise_mps: float,
-    bounds: Bounds,
+    bounds: LegBounds,
     prisms: Prisms,
     lasts_s: float,
     at: Point,
@@ -67,5 +67,5 @@ def chosen_mps(
     x0, y0, z0, x1, y1, z1 = leg.route
     ahead, _ = direction((x0, y0, z0), (x1, y1, z1))
     least = speed_within(leg.distance_m, leg.acceleration_mps2, lasts_s)
-    chosen = speed_along(no_faster(limits, cruise_mps), wind, ahead)
-    return float(min(max(chosen, least), speed_along(limits, wind, ahead)))
+    speed_mps = speed_along(no_faster(limits, cruise_mps), wind, ahead)
+    return float(min(max(speed_mps, least), speed_along(limits, wind, ahead)))

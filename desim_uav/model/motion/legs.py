@@ -48,7 +48,7 @@ class FreeLeg(NamedTuple):
     duration_us: int
 
 
-class Bounds(NamedTuple):
+class LegBounds(NamedTuple):
     """Where drones may be: x from 0 to ``width_m``, y from 0 to ``depth_m``, and z between."""
 
     width_m: float
@@ -80,8 +80,8 @@ def leg_between(
     if not speed > 0.0:
         return FreeLeg(route, distance, 0.0, 0.0, np.inf, -1)
     acceleration = acceleration_along(limits, ahead)
-    reached, duration = fastest(distance, speed, acceleration)
-    return FreeLeg(route, distance, reached, acceleration, duration, int(np.rint(duration * 1e6)))
+    speed_mps, duration = fastest(distance, speed, acceleration)
+    return FreeLeg(route, distance, speed_mps, acceleration, duration, int(np.rint(duration * 1e6)))
 
 
 @part
@@ -141,7 +141,7 @@ def commanded(
     limits: Limits,
     wind: Wind,
     cruise_mps: float,
-    bounds: Bounds,
+    bounds: LegBounds,
     lasts_s: float,
     at: Point,
     command: Point,

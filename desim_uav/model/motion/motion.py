@@ -120,8 +120,8 @@ def flown_transit(
     """
     if not commanded:
         return return_transit(motion, distance_m, step_s)
-    known = transits_over(motion, distance_m, step_s)
-    return min(known, key=lambda transit: abs(transit.duration_us - duration_us))
+    transits = transits_over(motion, distance_m, step_s)
+    return min(transits, key=lambda transit: abs(transit.duration_us - duration_us))
 
 
 MOST_SPEEDS = 8
@@ -376,7 +376,7 @@ def _trapezoid(distance: float, speed: float, acceleration: float, duration: flo
     return Transit(profile, round(duration * US), distance)
 
 
-class Leg(NamedTuple):
+class TransitLeg(NamedTuple):
     """A transit between two positions (x, y, altitude in metres), followed by a hover there."""
 
     transit: Transit

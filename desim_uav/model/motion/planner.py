@@ -30,7 +30,7 @@ class Return:
 
     station: int
     duration_us: int
-    drained_us: int
+    drain: int
     hops: tuple[Node, ...]
 
 
@@ -38,14 +38,14 @@ class Return:
 class Planner:
     """Plans returns and keeps the plans, because a world does not change.
 
-    ``hop_us`` is the time of each of the HOPS, in microseconds, and ``drain_us`` the battery that
+    ``hop_us`` is the time of each of the HOPS, in microseconds, and ``hop_drains`` the battery that
     it takes (None: its time).
     """
 
     grid: Grid
     stations: Sequence[Cell]
     hop_us: tuple[int, ...]
-    drain_us: tuple[int, ...] | None = None
+    hop_drains: tuple[int, ...] | None = None
     _plans: dict[tuple[Node, bool], Return | None] = field(default_factory=dict, repr=False)
 
     def plan(self, start: Node, ceiling: bool = True) -> Return | None:
@@ -77,14 +77,14 @@ class Planner:
             duration = sum(self.hop_us[DIRECTIONS[hop]] for hop in hops)
             if best is None or (duration, station) < (best.duration_us, best.station):
                 drained = duration
-                if self.drain_us is not None:
-                    drained = sum(self.drain_us[DIRECTIONS[hop]] for hop in hops)
+                if self.hop_drains is not None:
+                    drained = sum(self.hop_drains[DIRECTIONS[hop]] for hop in hops)
                 best = Return(station, duration, drained, hops)
         return best
 
     def plans_as(self, other: Planner) -> bool:
         """Return whether the plans of another planner, in the same world, are the same."""
-        return (self.hop_us, self.drain_us) == (other.hop_us, other.drain_us)
+        return (self.hop_us, self.hop_drains) == (other.hop_us, other.hop_drains)
 
     def _bounds(self, start: Node) -> list[tuple[int, int]]:
         """Return a lower bound of the time to each station, and the station's index, in order."""

@@ -162,19 +162,19 @@ def _roads_at(
     The others have no ways.
     """
     open_ = [deepest_at(prisms, (x, y, altitude_m)) <= 0.0 for x, y in stations_m.tolist()]
-    found = roads(prisms, altitude_m, stations_m[np.array(open_, bool)], size_m)
+    network = roads(prisms, altitude_m, stations_m[np.array(open_, bool)], size_m)
     if all(open_):
-        return found
-    lacking, (count, nodes) = len(stations_m) - sum(open_), found.lengths_m.shape
+        return network
+    lacking, (count, nodes) = len(stations_m) - sum(open_), network.lengths_m.shape
     lengths_m = np.full((len(stations_m), nodes + lacking), np.inf)
     following = np.full((len(stations_m), nodes + lacking), -1, np.int64)
-    nodes_m = np.concatenate([stations_m, found.nodes_m[count:]])
+    nodes_m = np.concatenate([stations_m, network.nodes_m[count:]])
     new = np.concatenate([np.flatnonzero(open_), np.arange(len(stations_m), len(nodes_m))])
     for old, station in enumerate(np.flatnonzero(open_).tolist()):
-        lengths_m[station, new] = found.lengths_m[old]
-        ahead = found.following[old]
+        lengths_m[station, new] = network.lengths_m[old]
+        ahead = network.following[old]
         following[station, new] = np.where(ahead < 0, -1, new[ahead])
-    return Roads(nodes_m, lengths_m, following, found.altitude_m)
+    return Roads(nodes_m, lengths_m, following, network.altitude_m)
 
 
 class _Finder:
@@ -186,29 +186,29 @@ class _Finder:
         self.limits, self.wind, self.energy = limits, wind, energy
         self.prisms, self.lowest_m = prisms, lowest_m
 
-    def ways(self, found: Roads) -> Ways:
+    def ways(self, roads: Roads) -> Ways:
         """Return ways with what they take."""
-        times_us = np.full(found.lengths_m.shape, -1, np.int64)
+        times_us = np.full(roads.lengths_m.shape, -1, np.int64)
         drains = times_us.copy()
-        for station, lengths_m in enumerate(found.lengths_m):
-            landing = self._landing(found, station)
+        for station, lengths_m in enumerate(roads.lengths_m):
+            landing = self._landing(roads, station)
             if landing is None:
                 continue
             times_us[station, station], drains[station, station] = landing
             for node in np.argsort(lengths_m, kind="stable").tolist():
-                ahead = int(found.following[station, node])
+                ahead = int(roads.following[station, node])
                 if ahead < 0 or times_us[station, ahead] < 0:
                     continue
-                takes_us, drained = self._takes(_at(found, node), _at(found, ahead))
+                takes_us, drained = self._takes(_at(roads, node), _at(roads, ahead))
                 times_us[station, node] = times_us[station, ahead] + takes_us
                 drains[station, node] = drains[station, ahead] + drained
-        return Ways(found, times_us, drains)
+        return Ways(roads, times_us, drains)
 
-    def _landing(self, found: Roads, station: int) -> tuple[int, int] | None:
+    def _landing(self, roads: Roads, station: int) -> tuple[int, int] | None:
         """Return what the descent to a station takes; None if it is not free."""
-        over = _at(found, station)
+        over = _at(roads, station)
         low = (over[0], over[1], self.lowest_m)
-        if found.lengths_m[station, station] != 0.0:
+        if roads.lengths_m[station, station] != 0.0:
             return None
         if first_entry(self.prisms, over, low) != np.inf:
             return None
@@ -220,7 +220,7 @@ class _Finder:
         if leg.distance_m == 0.0:
             return 0, 0
         flight = flight_of(leg, self.wind)
-        return flight.duration_us, int(self.energy.drained_us(flight, flight.duration_us))
+        return flight.duration_us, int(self.energy.drain_of(flight, flight.duration_us))
 
 
 def _at(ways: Roads, node: int) -> Point:

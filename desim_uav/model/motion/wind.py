@@ -11,11 +11,11 @@ import math
 from desim_uav.model.motion.limits import CALM, Wind
 from desim_uav.model.motion.motion import REST, Motion, Transit
 
-Course = tuple[float, float, float]
+WindCourse = tuple[float, float, float]
 """The way of a flight along one axis, in cells or in metres: two of its parts are 0."""
 
 
-def wind_along(wind: Wind, way: Course) -> tuple[float, float]:
+def wind_along(wind: Wind, way: WindCourse) -> tuple[float, float]:
     """Return the wind along the level direction of a flight, and that across it, in m/s."""
     dx, dy, _ = way
     if dx != 0:
@@ -25,13 +25,13 @@ def wind_along(wind: Wind, way: Course) -> tuple[float, float]:
     return 0.0, math.hypot(*wind)
 
 
-def way_between(start: Course, stop: Course) -> Course:
+def way_between(start: WindCourse, stop: WindCourse) -> WindCourse:
     """Return the way from one place to another along one axis, without errors of rounding."""
     dx, dy, dz = (b - a if abs(b - a) > 1e-6 else 0.0 for a, b in zip(start, stop, strict=True))
     return dx, dy, dz
 
 
-def motion_in(motion: Motion, wind: Wind, way: Course) -> Motion:
+def motion_in(motion: Motion, wind: Wind, way: WindCourse) -> Motion:
     """Return the motion of flights along this way in wind: the same one if there is none.
 
     Raises ValueError if the motion cannot be used in this wind.
@@ -46,7 +46,7 @@ def motion_in(motion: Motion, wind: Wind, way: Course) -> Motion:
     return motion if way[2] != 0 else flown
 
 
-def flown_along(flight: Transit, wind: Wind, way: Course) -> Transit:
+def flown_along(flight: Transit, wind: Wind, way: WindCourse) -> Transit:
     """Return a flight as one along this way, so that it may rise, and have wind."""
     rises = math.copysign(1.0, way[2]) if way[2] != 0 else flight.rises
     if rises == flight.rises and tuple(wind) == CALM:

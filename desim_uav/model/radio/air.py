@@ -113,18 +113,18 @@ def _follow(air: Air, users: Walkers, span_us: tuple[int, int], user: int, exact
     end = (end_us - start_us) * 1e-6
     after = users.legs_at[user + 1]
     leg = leg_at(legs, users.legs_at[user], after, start_us)
-    t, now_us, begun = 0.0, float(start_us), False
+    t, now_us, is_begun = 0.0, float(start_us), False
     take_first_rows(air, len(users.heights_m), user)
     while True:
         begins, marked = take_rows(air, t)
-        if begun and t >= end and not marked and not exact and are_clear(air):
+        if is_begun and t >= end and not marked and not exact and are_clear(air):
             return
         turn = np.inf if leg + 1 == after else (legs[leg + 1, T0_US] - start_us) * 1e-6
         x, y = walked(legs, leg, now_us)
         relate(air, t, (x, y, users.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
-        if marked or not begun or t >= end:
+        if marked or not is_begun or t >= end:
             _note_classes(air, t, exact, are_a_pair(air) and end > SOON_S)
-            begun = True
+            is_begun = True
         if t >= end:
             return
         until = min(end, begins, turn)
@@ -219,7 +219,7 @@ def _look_from(air: Air, users: Walkers, span_us: tuple[int, int], user: int) ->
 @kernel
 def _reach_dbm(air: Air, link: Link, walks: float) -> tuple[float, float]:
     """Return bounds of a link's level in a span, after ``_look_from``."""
-    low, high, begun = np.inf, -np.inf, False
+    low, high, is_begun = np.inf, -np.inf, False
     link.steep_away = link.steep_up = 0.0
     rates, last = link.rates, air.tracks[link.after - 1]
     first, at = place(air.tracks[link.first], 0.0), place(last, last.begin_s)
@@ -228,9 +228,9 @@ def _reach_dbm(air: Air, link: Link, walks: float) -> tuple[float, float]:
     apart = np.sqrt(link.x_m * link.x_m + link.y_m * link.y_m)
     while True:
         now, most = level_dbm(link, 0.0), 0.0
-        if not begun:
+        if not is_begun:
             link.looks[0].level_dbm = now
-            begun = True
+            is_begun = True
         if level + climbs > 0.0:
             bound_rates(link, apart, link.z_m, level + climbs)
         if level > 0.0:

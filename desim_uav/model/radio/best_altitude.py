@@ -55,10 +55,10 @@ def stationary_elevations_deg(model: Any) -> list[float]:
 
     Among them is the best one. There can be several: three in the environment high_rise.
     """
-    found, fall_db = np.empty(MOST_TURNS), model.eta_nlos_db - model.eta_los_db
-    count = stationary_elevations(float(fall_db), float(model.a), float(model.b), found)
+    buffer, fall_db = np.empty(MOST_TURNS), model.eta_nlos_db - model.eta_los_db
+    count = stationary_elevations(float(fall_db), float(model.a), float(model.b), buffer)
     assert count <= MOST_TURNS
-    turns: list[float] = found[:count].tolist()
+    turns: list[float] = buffer[:count].tolist()
     return turns
 
 

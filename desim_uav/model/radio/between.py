@@ -139,21 +139,21 @@ def _begin_windows(leg: DroneLeg, climb: Climb) -> int:
         # The way so far in slabs, as a polynomial of the time since the phase began.
         way = profile[phase, DISTANCE] * scale
         speed, bend = profile[phase, SPEED] * scale, 0.5 * profile[phase, ACCELERATION] * scale
-        passed = min(int(way + 1e-9), slabs - 1)
+        slab_index = min(int(way + 1e-9), slabs - 1)
         while at < lasts:
             ahead = lasts
-            if passed + 1 < slabs and way + lasts * (speed + lasts * bend) > passed + 1:
-                ahead = min(max(_reaches(way - (passed + 1), speed, bend), at), lasts)
+            if slab_index + 1 < slabs and way + lasts * (speed + lasts * bend) > slab_index + 1:
+                ahead = min(max(_reaches(way - (slab_index + 1), speed, bend), at), lasts)
             here, rate = way + at * (speed + at * bend), speed + 2.0 * at * bend
-            slab, sign = passed, 2.0
+            slab, sign = slab_index, 2.0
             if climb.upwards == 0.0:
-                slab, sign = slabs - 1 - passed, -2.0
+                slab, sign = slabs - 1 - slab_index, -2.0
             window = windows[count]
             window.begin_s, window.slab = begins + at, slab
-            window.place = sign * (here - passed - 0.5)
+            window.place = sign * (here - slab_index - 0.5)
             window.rise, window.bend = sign * rate, sign * bend
             count += 1
-            passed += 1
+            slab_index += 1
             at = ahead
             if ahead == lasts:
                 break
@@ -214,13 +214,13 @@ def _follow(
     last = leg_near(legs, begin_walk, end_walk, end_us, walk)
     x, y = walked(legs, last, end_us)
     x, y = centre_x - x, centre_y - y
-    reached, after = one.now, climb.rings_m[1][group]
-    while reached < stop and beyond(x, y, after[reached]) <= 0.0:
-        reached += 1
-    while reached > first and beyond(x, y, after[reached - 1]) > 0.0:
-        reached -= 1
-    if reached != one.now:
-        one = passed(one, reached, end_us, user, out)
+    link_class, after = one.now, climb.rings_m[1][group]
+    while link_class < stop and beyond(x, y, after[link_class]) <= 0.0:
+        link_class += 1
+    while link_class > first and beyond(x, y, after[link_class - 1]) > 0.0:
+        link_class -= 1
+    if link_class != one.now:
+        one = passed(one, link_class, end_us, user, out)
     return one.total
 
 

@@ -57,8 +57,8 @@ def compiled_chance(path_loss: RowPathLoss) -> Chance:
     (``components.NOT_COMPILED``).
     """
     check_sight(path_loss)
-    made = compiled((P_LOS,), path_loss, ())
-    return Chance(made.functions["p_los"], made.values.ctypes.data, made)
+    code = compiled((P_LOS,), path_loss, ())
+    return Chance(code.functions["p_los"], code.values.ctypes.data, code)
 
 
 class Odds(NamedTuple):

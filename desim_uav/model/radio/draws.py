@@ -27,7 +27,7 @@ SEEN_AT = 2 * KEY_WORDS
 UNSEEN = -1
 """In place of a cell: the transmitter is silent, so nothing is seen of its links."""
 
-Drawn = tuple[float, np.uint64, np.uint64]
+LinkDraw = tuple[float, np.uint64, np.uint64]
 
 
 def imagined_links(
@@ -48,14 +48,14 @@ def imagined_links(
     bounds. The shadowing of its present state stays, and that of the other state is drawn anew, as
     everything is for other cells.
     """
-    seen = [np.ascontiguousarray(each).reshape(-1).view(np.uint64) for each in (cells, chances)]
-    return np.concatenate([key[:KEY_WORDS], new[:KEY_WORDS], *seen])
+    state = [np.ascontiguousarray(each).reshape(-1).view(np.uint64) for each in (cells, chances)]
+    return np.concatenate([key[:KEY_WORDS], new[:KEY_WORDS], *state])
 
 
 @kernel
 def draws_of_link(
     key: NDArray[np.uint64], users: int, transmitter: int, user: int, cell: int
-) -> Drawn:
+) -> LinkDraw:
     """Return a link's uniform number, and its random bits with and without line of sight.
 
     ``key`` (2,) is that of the episode, or longer if the episode is imagined (``imagined_links``).
@@ -77,15 +77,15 @@ def _drawn_anew(
     cell: int,
     true: Words,
     counter: Words,
-) -> Drawn:
+) -> LinkDraw:
     """Return the draws of a link in an imagined episode."""
     new = philox(key[KEY_WORDS:SEEN_AT], counter)
-    uniform, seen = as_uniform(new[0]), key[SEEN_AT:]
-    transmitters = len(seen) // (1 + users)
+    uniform, state = as_uniform(new[0]), key[SEEN_AT:]
+    transmitters = len(state) // (1 + users)
     row = transmitter if transmitter >= 0 else transmitters + transmitter
-    if np.int64(seen[row]) != cell:
+    if np.int64(state[row]) != cell:
         return uniform, new[1], new[2]
-    chance = seen[transmitters:].view(np.float64)[row * users + user]
+    chance = state[transmitters:].view(np.float64)[row * users + user]
     if as_uniform(true[0]) < chance:
         return chance * uniform, true[1], new[2]
     return chance + (1.0 - chance) * uniform, new[1], true[2]

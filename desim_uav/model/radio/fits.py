@@ -241,9 +241,9 @@ def _fitted(squares: Any, levels_m: Array, users_m: Array, slabs: int) -> Fits |
         return None
     terms = np.einsum("tn,pgsnk->pgkst", np.linalg.inv(np.vander(nodes, increasing=True)), through)
     terms[nowhere] = np.eye(TERMS)[0] * -1.0
-    found = np.einsum("pgkst,ct->pgsck", terms, np.vander(checks, TERMS, increasing=True))
+    fit_m = np.einsum("pgkst,ct->pgsck", terms, np.vander(checks, TERMS, increasing=True))
     radii = np.sqrt(np.abs(held_against))
-    if not (np.abs(found - held_against) <= 2.0 * radii * (FIT_M + FIT * radii)).all():
+    if not (np.abs(fit_m - held_against) <= 2.0 * radii * (FIT_M + FIT * radii)).all():
         return None
     middle, spread = terms[..., 0], np.abs(terms[..., 1:]).sum(axis=-1)
     least, most = (np.moveaxis(middle + sign * spread, 2, 3) for sign in (-1.0, 1.0))

@@ -153,8 +153,8 @@ def _rates(cls: Any, values_at: Any) -> Any:
         out: int,
     ) -> None:
         row, own = rates_at(out), values_at(values)
-        found = rates_of(own, carrier_ghz, branch, distance_m, height_m, within_m)
-        row.least_away, row.most_away, row.least_up, row.most_up = found
+        bounds = rates_of(own, carrier_ghz, branch, distance_m, height_m, within_m)
+        row.least_away, row.most_away, row.least_up, row.most_up = bounds
 
     return rates
 
@@ -195,9 +195,9 @@ def compiled_loss(path_loss: RowPathLoss, carrier_ghz: float = 2.0) -> Loss:
     problem = problem_of_bounds(path_loss, carrier_ghz) or why_not_compiled(path_loss)
     if problem:
         raise ScenarioError(f"path_loss: {kind_of(path_loss)!r}: {problem}")
-    made = compiled((LEVEL, BOUNDS), path_loss, ())
-    level, rates = made.functions["level"], made.functions["rates"]
-    return Loss(level, rates, made.values.ctypes.data, made)
+    code = compiled((LEVEL, BOUNDS), path_loss, ())
+    level, rates = code.functions["level"], code.functions["rates"]
+    return Loss(level, rates, code.values.ctypes.data, code)
 
 
 def why_not_compiled(path_loss: RowPathLoss) -> str:

@@ -87,21 +87,21 @@ which are out of order in the standard, only 17 is here."""
 
 
 def link_classes(
-    given: str | Sequence[Mapping[str, Any] | LinkClass],
+    ladder: str | Sequence[Mapping[str, Any] | LinkClass],
 ) -> tuple[LinkClass, ...]:
     """Return the classes of a link: a ladder by its name, or one's own ``snr_db`` and ``bit_s_hz``.
 
     Raises ValueError for an unknown name, for anything but numbers within their bounds, for
     efficiencies of more than 6 decimals, and for classes that do not rise in both.
     """
-    if isinstance(given, str):
-        if given not in LADDERS:
-            hint = did_you_mean(given, LADDERS)
-            raise ValueError(f"unknown classes {given!r}{hint}; allowed: cqi, mcs, or a list")
-        return LADDERS[given]
-    if not 1 <= len(given) <= MOST_CLASSES:
-        raise ValueError(f"there must be 1 to {MOST_CLASSES} classes, not {len(given)}")
-    classes = tuple(_link_class(number, one) for number, one in enumerate(given, 1))
+    if isinstance(ladder, str):
+        if ladder not in LADDERS:
+            hint = did_you_mean(ladder, LADDERS)
+            raise ValueError(f"unknown classes {ladder!r}{hint}; allowed: cqi, mcs, or a list")
+        return LADDERS[ladder]
+    if not 1 <= len(ladder) <= MOST_CLASSES:
+        raise ValueError(f"there must be 1 to {MOST_CLASSES} classes, not {len(ladder)}")
+    classes = tuple(_link_class(number, one) for number, one in enumerate(ladder, 1))
     for number, (low, high) in enumerate(pairwise(classes), 2):
         for key in LinkClass._fields:
             below, above = getattr(low, key), getattr(high, key)
@@ -110,16 +110,16 @@ def link_classes(
     return classes
 
 
-def _link_class(number: int, given: Mapping[str, Any] | LinkClass) -> LinkClass:
+def _link_class(number: int, entry: Mapping[str, Any] | LinkClass) -> LinkClass:
     """Return a class that a user has given. Raises ValueError."""
-    given = given._asdict() if isinstance(given, LinkClass) else given
-    if not isinstance(given, Mapping) or set(given) != set(LinkClass._fields):
+    entry = entry._asdict() if isinstance(entry, LinkClass) else entry
+    if not isinstance(entry, Mapping) or set(entry) != set(LinkClass._fields):
         raise ValueError(f"class {number}: must have snr_db and bit_s_hz, and nothing else")
     for key, low, high in (
         ("snr_db", LOWEST_SNR_DB, HIGHEST_SNR_DB),
         ("bit_s_hz", 0.0, MOST_BIT_S_HZ),
     ):
-        value = given[key]
+        value = entry[key]
         if (
             isinstance(value, bool)
             or not isinstance(value, int | float)
@@ -128,14 +128,14 @@ def _link_class(number: int, given: Mapping[str, Any] | LinkClass) -> LinkClass:
             raise ValueError(f"class {number}: {key} must be a number, not {value!r}")
         if not low <= value <= high:
             raise ValueError(f"class {number}: {key} must be from {low:g} to {high:g}, not {value}")
-    if given["bit_s_hz"] == 0:
+    if entry["bit_s_hz"] == 0:
         raise ValueError(f"class {number}: bit_s_hz must be above 0; no link is class 0")
-    if round(given["bit_s_hz"], DECIMALS) != given["bit_s_hz"]:
+    if round(entry["bit_s_hz"], DECIMALS) != entry["bit_s_hz"]:
         raise ValueError(
             f"class {number}: bit_s_hz must have at most {DECIMALS} decimals, not "
-            f"{given['bit_s_hz']!r}"
+            f"{entry['bit_s_hz']!r}"
         )
-    return LinkClass(float(given["snr_db"]), float(given["bit_s_hz"]))
+    return LinkClass(float(entry["snr_db"]), float(entry["bit_s_hz"]))
 
 
 def thresholds_db(classes: Sequence[LinkClass]) -> NDArray[np.float64]:

@@ -183,10 +183,10 @@ def look(air: Air, row: int, t: float) -> None:
     air.looked_s[row] = t
     powers = air.used > 1 and not are_a_pair(air)
     for k in range(air.used):
-        level, seen = level_dbm(air.links[k], t), air.links[k].looks[row]
-        seen.level_dbm = level
+        level, entry = level_dbm(air.links[k], t), air.links[k].looks[row]
+        entry.level_dbm = level
         if powers:
-            seen.power_mw = np.exp(level / DB)
+            entry.power_mw = np.exp(level / DB)
 
 
 @kernel
@@ -264,9 +264,9 @@ def are_clear(air: Air) -> bool:
 
 
 @rule
-def begin_user(link: Link, held: int) -> None:
-    """Begin with the next user, whose class has been ``held`` before the span."""
-    link.began, link.held, link.state = link.rows, held, -1
+def begin_user(link: Link, before: int) -> None:
+    """Begin with the next user, whose class was ``before`` until the span."""
+    link.began, link.held, link.state = link.rows, before, -1
     link.sought = int(link.out != 0)
 
 

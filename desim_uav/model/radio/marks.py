@@ -207,33 +207,33 @@ def _mark_drawn(
     """Write the marks of a user who sees the transmitter according to draws."""
     tracks, cells, odds = sight.memory.tracks, sight.memory.visits, sight.odds
     end = tracks[drone[1] - 1].begin_s
-    drawn = draw(odds, user, visits.first)
-    rows = _note_at(tracks[drone[0]], tracks[own[0]], 0.0, drawn, out, first, first)
+    link_draw = draw(odds, user, visits.first)
+    rows = _note_at(tracks[drone[0]], tracks[own[0]], 0.0, link_draw, out, first, first)
     i, j = drone[0], own[0]
     for k in range(visits.stretches):
         t, until = cells[k].since_s, cells[k + 1].since_s if k + 1 < visits.stretches else end
-        if cells[k].cell != drawn.cell:
-            drawn = draw(odds, user, cells[k].cell)
+        if cells[k].cell != link_draw.cell:
+            link_draw = draw(odds, user, cells[k].cell)
         while t < until:
             i, j = row_at(tracks, i, drone[1], t), row_at(tracks, j, own[1], t)
             stop = next_s(tracks, j, own[1], next_s(tracks, i, drone[1], until))
-            rows = _mark_piece(tracks[i], tracks[j], (t, stop), drawn, out, first, rows)
+            rows = _mark_piece(tracks[i], tracks[j], (t, stop), link_draw, out, first, rows)
             t = stop
-    if visits.last != drawn.cell:
-        drawn = draw(odds, user, visits.last)
+    if visits.last != link_draw.cell:
+        link_draw = draw(odds, user, visits.last)
     last, own_last = tracks[drone[1] - 1], tracks[own[1] - 1]
-    return _note_at(last, own_last, end, drawn, out, first, rows)
+    return _note_at(last, own_last, end, link_draw, out, first, rows)
 
 
 @part
-def _beyond(drone: TrackRow, user: TrackRow, t: float, drawn: Draw) -> Coefficients:
+def _beyond(drone: TrackRow, user: TrackRow, t: float, link_draw: Draw) -> Coefficients:
     """Return upright r² - along h² as a polynomial of the time from ``t`` on."""
     (x, y, z), (ux, uy, uz) = place(drone, t), place(user, t)
     (vx, vy, vz), (wx, wy, _) = velocity(drone, t), velocity(user, t)
     x, y, z, vx, vy = x - ux, y - uy, z - uz, vx - wx, vy - wy
     ax, ay, az = pulled(drone)
     ax, ay, az = 0.5 * ax, 0.5 * ay, 0.5 * az
-    a, b = drawn.upright, drawn.along
+    a, b = link_draw.upright, link_draw.along
     return (
         a * (x * x + y * y) - b * (z * z),
         2.0 * (a * (x * vx + y * vy) - b * (z * vz)),
@@ -245,17 +245,17 @@ def _beyond(drone: TrackRow, user: TrackRow, t: float, drawn: Draw) -> Coefficie
 
 @part
 def _note_at(
-    drone: TrackRow, user: TrackRow, t: float, drawn: Draw, out: Marks, first: int, rows: int
+    drone: TrackRow, user: TrackRow, t: float, link_draw: Draw, out: Marks, first: int, rows: int
 ) -> int:
     """Note the mark that a link has at a time, from the places then."""
-    blocked = _beyond(drone, user, t, drawn)[0] > 0.0
-    return _note(out, first, rows, t, *_mark(drawn, blocked))
+    blocked = _beyond(drone, user, t, link_draw)[0] > 0.0
+    return _note(out, first, rows, t, *_mark(link_draw, blocked))
 
 
 @part
-def _mark(drawn: Draw, blocked: bool) -> tuple[int, float]:
+def _mark(link_draw: Draw, blocked: bool) -> tuple[int, float]:
     """Return the branch and the additional loss of a link."""
-    return (NLOS, drawn.nlos_db) if blocked else (LOS, drawn.los_db)
+    return (NLOS, link_draw.nlos_db) if blocked else (LOS, link_draw.los_db)
 
 
 @kernel
@@ -263,22 +263,22 @@ def _mark_piece(
     drone: TrackRow,
     user: TrackRow,
     stretch: tuple[float, float],
-    drawn: Draw,
+    link_draw: Draw,
     out: Marks,
     first: int,
     rows: int,
 ) -> int:
     """Note the marks in a stretch of time in which nobody turns, brakes or changes its cell."""
     t, until = stretch
-    c = _beyond(drone, user, t, drawn)
+    c = _beyond(drone, user, t, link_draw)
     blocked = c[0] > 0.0
-    rows = _note(out, first, rows, t, *_mark(drawn, blocked))
-    if drawn.upright > 0.0 and drawn.along > 0.0:
+    rows = _note(out, first, rows, t, *_mark(link_draw, blocked))
+    if link_draw.upright > 0.0 and link_draw.along > 0.0:
         h = place(drone, t)[2] - place(user, t)[2]
-        count, roots = sign_changes(c, blocked, until - t, GRAZE * drawn.along * h * h)
+        count, roots = sign_changes(c, blocked, until - t, GRAZE * link_draw.along * h * h)
         for k in range(count):
             blocked = not blocked
-            rows = _note(out, first, rows, t + roots[k], *_mark(drawn, blocked))
+            rows = _note(out, first, rows, t + roots[k], *_mark(link_draw, blocked))
     return rows
 
 
@@ -298,7 +298,7 @@ def _mark_seen(
     """Write the marks of a user from the turns of its line of sight and of the cell."""
     turns, cells, lasts_us = sight.memory.turns, sight.memory.visits, span_us[1] - span_us[0]
     shadowed = sight.odds.shadow_db[0] > 0.0 or sight.odds.shadow_db[1] > 0.0
-    drawn = Draw(-1, 0.0, 0.0, 0.0, 0.0)
+    link_draw = Draw(-1, 0.0, 0.0, 0.0, 0.0)
     cell, blocked, rows = visits.first, False, first
     turn, at, t_us = 0, 0, 0
     while t_us <= lasts_us:
@@ -313,9 +313,9 @@ def _mark_seen(
             at += 1
         if at <= visits.stretches:
             soon_us = min(soon_us, _since_us(cells, visits, at, lasts_us))
-        if shadowed and drawn.cell != cell:
-            drawn = draw(sight.odds, user, cell)
-        rows = _note(out, first, rows, 1e-6 * t_us, *_mark(drawn, blocked))
+        if shadowed and link_draw.cell != cell:
+            link_draw = draw(sight.odds, user, cell)
+        rows = _note(out, first, rows, 1e-6 * t_us, *_mark(link_draw, blocked))
         t_us = soon_us
     return rows
 

@@ -119,7 +119,7 @@ def sift(
     ``least_m`` and ``most_m`` (groups, classes) are bounds of the radii; those of distances are in
     ``users.seen`` (NEAR, FAR). There are no branches, which could not be predicted.
     """
-    seen, near, kept = users.seen, 0, 0
+    seen, near, count = users.seen, 0, 0
     for user in range(len(users.offsets) - 1):
         seen[SIFTED, near] = user
         near += int(most_m[groups[user], 0] > seen[NEAR, user])
@@ -128,9 +128,9 @@ def sift(
         least, most = least_m[groups[user]], most_m[groups[user]]
         first = 0 if fresh else wider(least, seen[FAR, user])
         stop = wider(most, max(seen[NEAR, user], 0.0))
-        seen[SIFTED, kept] = (user * (CIRCLES + 0.0) + first) * CIRCLES + stop
-        kept += int(first < stop)
-    return kept
+        seen[SIFTED, count] = (user * (CIRCLES + 0.0) + first) * CIRCLES + stop
+        count += int(first < stop)
+    return count
 
 
 @part

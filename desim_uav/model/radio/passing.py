@@ -51,11 +51,11 @@ def pass_thresholds(
             if high >= until:
                 high, after = until, end
                 break
-        found, width, tries = high, high - low, 0
+        root, width, tries = high, high - low, 0
         if before == threshold:
             leaves = _leaves_at(air, k, (low, high), threshold, rises)
             if leaves == low:
-                found, high, after = low, low, before
+                root, high, after = low, low, before
             else:
                 first, last, low, before = low, before, leaves, ratio_db(air, k, leaves)
         elif after == threshold:
@@ -71,22 +71,22 @@ def pass_thresholds(
             if tries % 4 == 0:
                 width = high - low
             least = 0.25 * ROOT_S
-            found = min(max(low + share * (high - low), low + least), high - least)
-            if not low < found < high:
+            root = min(max(low + share * (high - low), low + least), high - least)
+            if not low < root < high:
                 break
-            value = ratio_db(air, k, found)
+            value = ratio_db(air, k, root)
             if (value >= threshold) == rises:
-                later, beyond, high, after = high, after, found, value
+                later, beyond, high, after = high, after, root, value
             else:
-                first, last, low, before = low, before, found, value
+                first, last, low, before = low, before, root, value
             if slopes[0] > 0.0:  # the root is between two times on one side
                 gap = threshold - value if rises else value - threshold
-                one, other = found + gap / slopes[0], found + gap / slopes[1]
+                one, other = root + gap / slopes[0], root + gap / slopes[1]
                 if _meet(start_us, begin, min(one, other), max(one, other)):
-                    found = one
+                    root = one
                     break
-            found = high
-        since = max(since, found)
+            root = high
+        since = max(since, root)
         state += 1 if rises else -1
         note(link, rounded_us(start_us, begin + since), state)
     link.state = state

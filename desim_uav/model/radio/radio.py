@@ -21,7 +21,7 @@ from desim_uav.model.radio.link import (
 from desim_uav.model.radio.path_loss import AlHourani, RowPathLoss
 from desim_uav.model.radio.rings import rings
 from desim_uav.model.sharing import RowSharing
-from desim_uav.registry import NameOr, Part, register, resolve
+from desim_uav.registry import ComponentField, NameOr, register, resolve
 
 MILLION = 1_000_000
 MOST_REUSE = 100
@@ -72,7 +72,7 @@ class Disc:
     @property
     def sharing(self) -> RowSharing:
         """How requests for a volume share the bandwidth: they hold a rate."""
-        return _held()
+        return _held_sharing()
 
     def bandwidth_hz(self, kbps: float | None) -> float:
         """Return the bandwidth in bit/s, which is that in Hz at 1 bit/s/Hz."""
@@ -103,10 +103,10 @@ class Reuse(NamedTuple):
     """The number of bands: drones of the same index modulo it share one."""
 
 
-def _held() -> RowSharing:
+def _held_sharing() -> RowSharing:
     """Return the sharing ``held``."""
-    made: RowSharing = resolve("sharing", "held")()
-    return made
+    sharing: RowSharing = resolve("sharing", "held")()
+    return sharing
 
 
 @register("radio", "link_classes")
@@ -127,8 +127,8 @@ class LinkClasses:
     """The noise of the receiver beyond thermal noise, in dB."""
     noise_dbm_per_hz: Annotated[float, Ge(-300), Le(0)] = -174.0
     """The density of the thermal noise, in dBm/Hz."""
-    path_loss: Annotated[RowPathLoss, Part("path_loss", "al_hourani", RowPathLoss)] = field(
-        default_factory=lambda: AlHourani("urban")
+    path_loss: Annotated[RowPathLoss, ComponentField("path_loss", "al_hourani", RowPathLoss)] = (
+        field(default_factory=lambda: AlHourani("urban"))
     )
     """The loss of power between drone and user."""
     line_of_sight: Literal["mean", "drawn", "buildings"] = "mean"
@@ -153,8 +153,8 @@ class LinkClasses:
         "none"
     )
     """`co_channel`: all drones share a band. `{reuse: n}`: those of the same index modulo n do."""
-    sharing: Annotated[RowSharing, Part("sharing", "held", RowSharing, by_name=True)] = field(
-        default_factory=_held
+    sharing: Annotated[RowSharing, ComponentField("sharing", "held", RowSharing, by_name=True)] = (
+        field(default_factory=_held_sharing)
     )
     """How transfers share the bandwidth that other requests leave."""
 
@@ -217,5 +217,5 @@ class LinkClasses:
 
     def radii_m(self, height_m: float, disc_m: float) -> tuple[float, ...]:
         """Return the radii within which the mean level reaches the thresholds of the classes."""
-        found = rings(self.path_loss, self.carrier_ghz, height_m, self.budget, self.ladder).mean_m
-        return tuple(radius_m if radius_m > 0.0 else -1.0 for radius_m in found)
+        means_m = rings(self.path_loss, self.carrier_ghz, height_m, self.budget, self.ladder).mean_m
+        return tuple(radius_m if radius_m > 0.0 else -1.0 for radius_m in means_m)

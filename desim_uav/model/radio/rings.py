@@ -51,7 +51,7 @@ def rings(
     """
     if not (math.isfinite(height_m) and height_m > 0.0):
         raise ValueError(f"a drone must be above its users, not by {height_m:g} m")
-    found = []
+    radii_m = []
     for method, shadow_db in zip(
         (path_loss.los_db, path_loss.nlos_db, path_loss.mean_db), (*shadowing_db, 0.0), strict=True
     ):
@@ -61,8 +61,8 @@ def rings(
 
         radii = [ring_m(loss_db, budget.largest_loss_db(one.snr_db) - shadow_db) for one in classes]
         _check_rise(loss_db, 2.0 * max(radii[0], height_m), f"{_name(path_loss)}.{method.__name__}")
-        found.append(tuple(radii))
-    return Rings(*found)
+        radii_m.append(tuple(radii))
+    return Rings(*radii_m)
 
 
 def ring_m(loss_db: Callable[[float], float], largest_db: float) -> float:
@@ -151,13 +151,13 @@ def check_sight(path_loss: RowPathLoss) -> None:
     """Raise ValueError if the probability of line of sight seems to fall with the elevation."""
     before = 0.0
     for elevation in range(91):
-        found = path_loss.p_los(float(elevation))
-        if not before <= found <= 1.0:
+        share = path_loss.p_los(float(elevation))
+        if not before <= share <= 1.0:
             raise ValueError(
                 f"{_name(path_loss)}.p_los must rise with the elevation and stay within 0 and 1, "
-                f"but it is {found:g} at {elevation} degrees after {before:g}"
+                f"but it is {share:g} at {elevation} degrees after {before:g}"
             )
-        before = found
+        before = share
 
 
 def _name(path_loss: RowPathLoss) -> str:

@@ -60,14 +60,14 @@ def sight_changes(
     buildings: Buildings,
     buffers: Buffers,
     span_us: tuple[int, int],
-    held: int,
+    initial: int,
     out: Table[Turn],
 ) -> int:
     """Write when the line between a user and a drone becomes blocked or clear.
 
     ``user`` and ``drone`` are their tracks in ``tracks`` (not relative), of the same span; between
     two rows the drone flies straight on and does not turn back. Turns go into ``out``.
-    ``held`` is the state before the span: a row at its start says if it is another one there.
+    ``initial`` is the state before the span: a row at its start says if it is another one there.
     States at both ends of the span depend on the places there only, and changes in one microsecond
     cancel.
 
@@ -76,35 +76,37 @@ def sight_changes(
     rows that it needs.
     """
     i, j = user[0], drone[0]
-    rows = note(out, 0, held, span_us[0], state_at(tracks[i], tracks[j], 0.0, buildings, buffers))
+    rows = note(
+        out, 0, initial, span_us[0], state_at(tracks[i], tracks[j], 0.0, buildings, buffers)
+    )
     end = tracks[user[1] - 1].begin_s
-    at, found = 0.0, 0
+    at, stretches = 0.0, 0
     while at < end:
         i = row_at(tracks, i, user[1], at)
         j = row_at(tracks, j, drone[1], at)
         until = next_s(tracks, j, drone[1], next_s(tracks, i, user[1], end))
-        found = _look(_line(tracks[i], tracks[j], at), at, until, buildings, buffers, found)
+        stretches = _look(_line(tracks[i], tracks[j], at), at, until, buildings, buffers, stretches)
         at = until
-    if found > len(buffers.blocked):
-        return -found
+    if stretches > len(buffers.blocked):
+        return -stretches
     blocked = buffers.blocked
-    _sort(blocked, found)
+    _sort(blocked, stretches)
     k, clear = 0, 0.0
-    while k < found:
+    while k < stretches:
         since, until = blocked[k].since_s, blocked[k].until_s
         k += 1
-        while k < found and blocked[k].since_s <= until + GAP_S:
+        while k < stretches and blocked[k].since_s <= until + GAP_S:
             until = max(until, blocked[k].until_s)
             k += 1
         if until - since > GAP_S:
             if since - clear > GAP_S:
-                rows = note(out, rows, held, rounded_us(span_us[0], clear), CLEAR)
-            rows = note(out, rows, held, rounded_us(span_us[0], since), BLOCKED)
+                rows = note(out, rows, initial, rounded_us(span_us[0], clear), CLEAR)
+            rows = note(out, rows, initial, rounded_us(span_us[0], since), BLOCKED)
             clear = until
     if clear < end:
-        rows = note(out, rows, held, rounded_us(span_us[0], clear), CLEAR)
+        rows = note(out, rows, initial, rounded_us(span_us[0], clear), CLEAR)
     last = state_at(tracks[user[1] - 1], tracks[drone[1] - 1], end, buildings, buffers)
-    return note(out, rows, held, span_us[1], last)
+    return note(out, rows, initial, span_us[1], last)
 
 
 @kernel
@@ -136,7 +138,7 @@ def _ends(line: Line, s: float) -> tuple[Point, Point]:
 
 @kernel
 def _look(
-    line: Line, at: float, until: float, buildings: Buildings, buffers: Buffers, found: int
+    line: Line, at: float, until: float, buildings: Buildings, buffers: Buffers, count: int
 ) -> int:
     """Add the stretches of time in which buildings block a line; return how many there are then.
 
@@ -148,7 +150,7 @@ def _look(
     low, high, share = min(uz, tz), min(pz, qz), 1.0
     if low >= buildings.tallest_m:
         if high >= buildings.tallest_m:
-            return found
+            return count
     elif high > buildings.tallest_m:
         share = (buildings.tallest_m - low) / (high - low)
     rest = 1.0 - share
@@ -182,8 +184,8 @@ def _look(
                 if buffers.visited[b] != stamp:
                     buffers.visited[b] = stamp
                     if min(low, high) < buildings.roofs_m[b]:
-                        found = _stretches(line, at, until, buildings, b, buffers, found)
-    return found
+                        count = _stretches(line, at, until, buildings, b, buffers, count)
+    return count
 
 
 @part
@@ -226,7 +228,7 @@ def _stretches(
     buildings: Buildings,
     b: int,
     buffers: Buffers,
-    found: int,
+    number: int,
 ) -> int:
     """Add the stretches of time in which one building blocks a line."""
     times, end = buffers.times, until - at
@@ -249,12 +251,12 @@ def _stretches(
         elif since >= 0.0:
             high = low
         if since >= 0.0:
-            if found < len(buffers.blocked):
-                stretch = buffers.blocked[found]
+            if number < len(buffers.blocked):
+                stretch = buffers.blocked[number]
                 stretch.since_s, stretch.until_s = at + since, at + high
-            found += 1
+            number += 1
             since = -1.0
-    return found
+    return number
 
 
 @kernel
@@ -313,10 +315,10 @@ def _wall(
 @part
 def _add(c: Coefficients, end: float, times: Floats, count: int) -> int:
     """Write where a polynomial changes its sign, and return the number of times then."""
-    found, roots = sign_changes(c, c[0] > 0.0, end, 0.0)
-    for k in range(found):
+    changes, roots = sign_changes(c, c[0] > 0.0, end, 0.0)
+    for k in range(changes):
         times[count + k] = roots[k]
-    return count + found
+    return count + changes
 
 
 @kernel

@@ -34,7 +34,7 @@ def stationary_elevations(fall_db: float, a: float, b: float, out: NDArray[np.fl
     None is missed: each stretch of elevations is left only when bounds of the equation's two terms
     exclude a root there, or when bounds of their derivatives show that there is at most one.
     """
-    low, width, found = 0.0, 1.0, 0
+    low, width, count = 0.0, 1.0, 0
     while low < 90.0:
         high = min(low + width, 90.0)
         falls, bends = _logistic_bounds(a, b, low, high)
@@ -49,11 +49,11 @@ def stationary_elevations(fall_db: float, a: float, b: float, out: NDArray[np.fl
         if least <= 0.0 <= most:
             begins = _steepness(fall_db, a, b, low) > 0.0
             if (_steepness(fall_db, a, b, high) > 0.0) != begins:
-                if found < len(out):
-                    out[found] = _stationary(fall_db, a, b, low, high)
-                found += 1
+                if count < len(out):
+                    out[count] = _stationary(fall_db, a, b, low, high)
+                count += 1
         low, width = high, 2.0 * width
-    return found
+    return count
 
 
 @part

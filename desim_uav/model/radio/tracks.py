@@ -203,18 +203,18 @@ def next_s(tracks: Table[TrackRow], row: int, last: int, end_s: float) -> float:
 
 
 @part
-def note(out: Table[Turn], rows: int, held: int, t_us: int, state: int) -> int:
+def note(out: Table[Turn], rows: int, initial: int, t_us: int, state: int) -> int:
     """Write that a link is in another state from ``t_us`` on, and return the number of rows.
 
-    ``held`` is the state before the first row. Changes in one microsecond become one, or none if
+    ``initial`` is the state before the first row. Changes in one microsecond become one, or none if
     they cancel. Rows for which there is no room are counted only, some of them more than once.
     """
-    before = held
+    before = initial
     if 0 < rows <= len(out):
         before = out[rows - 1].state
         if out[rows - 1].t_us == t_us:
             rows -= 1
-            before = out[rows - 1].state if rows > 0 else held
+            before = out[rows - 1].state if rows > 0 else initial
     if state == before:
         return rows
     if rows < len(out):

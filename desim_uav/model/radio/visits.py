@@ -54,10 +54,10 @@ def visit(
         lasts, low = tracks[at + 1].begin_s - begin, 0.0
         x = track.x_m, track.vx_mps, track.ax_mps2
         y = track.y_m, track.vy_mps, track.ay_mps2
-        passed = _pass(cells.side_m[0], cells.shape[0], x, lasts, borders_s, 0)
-        passed = _pass(cells.side_m[1], cells.shape[1], y, lasts, borders_s, passed)
-        for k in range(passed + 1):
-            high = borders_s[k] if k < passed else lasts
+        borders = _pass(cells.side_m[0], cells.shape[0], x, lasts, borders_s, 0)
+        borders = _pass(cells.side_m[1], cells.shape[1], y, lasts, borders_s, borders)
+        for k in range(borders + 1):
+            high = borders_s[k] if k < borders else lasts
             if high - low > GAP_S:
                 cell = cell_at(track, begin + 0.5 * (low + high), cells)
                 if count == 0 or visits[count - 1].cell != cell:

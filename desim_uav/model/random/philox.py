@@ -74,8 +74,8 @@ def quantile(p: float) -> float:
         return float(q * _central(0.180625 - q * q))
     tail = p if q < 0.0 else 1.0 - p
     r = math.sqrt(-math.log(tail))
-    found = _near(r - 1.6) if r <= 5.0 else _far(r - 5.0)
-    return float(-found if q < 0.0 else found)
+    deviation = _near(r - 1.6) if r <= 5.0 else _far(r - 5.0)
+    return float(-deviation if q < 0.0 else deviation)
 
 
 @part

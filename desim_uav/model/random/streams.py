@@ -135,14 +135,14 @@ def _seeded_states(
     """Seed SFC64 for each entity as NumPy does, with a SeedSequence of four 32-bit words."""
     states = np.empty((len(episodes), count, 4), np.uint64)
     words = np.empty(6, np.uint64)
-    begun, pool = np.empty(4, np.uint64), np.empty(4, np.uint64)
+    start, pool = np.empty(4, np.uint64), np.empty(4, np.uint64)
     first = np.uint64(0)
     for k in range(len(episodes) * count):
         episode, entity = k // count, k % count
         if entity == 0 and (episode == 0 or seeds[episode] != seeds[episode - 1]):
-            first = _begun(begun, seeds[episode], purpose)
+            first = _begun(start, seeds[episode], purpose)
         for i in range(4):
-            pool[i] = begun[i]
+            pool[i] = start[i]
         constant = _stir(pool, np.uint64(entity), 5, first)
         _stir(pool, episodes[episode], 6, constant)
         constant = np.uint64(0x8B51F9DD)
@@ -156,11 +156,11 @@ def _seeded_states(
     return states
 
 
-State = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+StreamState = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
 
 @kernel
-def advanced(state: State) -> tuple[np.uint64, State]:
+def advanced(state: StreamState) -> tuple[np.uint64, StreamState]:
     """Return the next 64 bits of an SFC64 state, and the state after them."""
     a, b, c, counter = state
     word: np.uint64 = a + b + counter
@@ -193,15 +193,15 @@ def as_uniform(word: np.uint64) -> float:
 @maker
 def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
     """Return the next ``count`` uniform numbers of each stream: (streams, count)."""
-    drawn = np.empty((len(states), count))
+    numbers = np.empty((len(states), count))
     for stream in range(len(states)):
         own = states[stream]
         state = (own[0], own[1], own[2], own[3])  # in registers
         for k in range(count):
             word, state = advanced(state)
-            drawn[stream, k] = as_uniform(word)
+            numbers[stream, k] = as_uniform(word)
         own[0], own[1], own[2], own[3] = state
-    return drawn
+    return numbers
 
 
 # ---- streams of components over rows

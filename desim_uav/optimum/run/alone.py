@@ -64,7 +64,7 @@ class Alone(NamedTuple):
     may_wait: bool = True
 
 
-class Plan(NamedTuple):
+class LonePlans(NamedTuple):
     """The values of states at the start of a run, and the decision in every state.
 
     ``airborne`` (places, J) are the values in the air, and ``landed`` (S,) those with a full
@@ -95,10 +95,10 @@ def alone_of(kind: DroneType, step_us: int, steps: int) -> Alone:
         _refuse_other_batteries(kind)
     nx, ny = kind.grid.cells
     drain = drain_of(kind, step_us)
-    begun = -(-kind.capacity_us // drain.least) if kind.limited else 1
-    if steps * nx * ny * begun > LARGEST:
+    levels = -(-kind.capacity // drain.least) if kind.limited else 1
+    if steps * nx * ny * levels > LARGEST:
         raise UsageError(
-            f"map.cells: {steps} steps by {nx} x {ny} cells by {begun} levels of the battery are "
+            f"map.cells: {steps} steps by {nx} x {ny} cells by {levels} levels of the battery are "
             f"more than {LARGEST} states"
         )
     ahead = cells_ahead(kind.grid)
@@ -106,7 +106,7 @@ def alone_of(kind: DroneType, step_us: int, steps: int) -> Alone:
     none = np.zeros(1, np.int64)
     if not kind.limited:
         return Alone(ahead, cells, np.zeros(0, np.int64), none, nothing, none, 0, False)
-    return _with_battery(kind, step_us, ahead, begun)
+    return _with_battery(kind, step_us, ahead, levels)
 
 
 class Drain(NamedTuple):
@@ -124,9 +124,9 @@ def drain_of(kind: DroneType, step_us: int) -> Drain:
     """Return what a step of serving flight takes from the battery of a type."""
     battery: Any = kind.drones.battery
     if type(battery) is not RotaryWing:
-        return Drain(step_us, step_us, kind.full_us == kind.capacity_us)
+        return Drain(step_us, step_us, kind.full == kind.capacity)
     used = [
-        int(battery.drained_us(flight, step_us))
+        int(battery.drain_of(flight, step_us))
         for flight in (kind.rest, *kind.epoch_transits.values())
     ]
     return Drain(max(1, min(used) - ROUNDED), max(used) + ROUNDED, False)
@@ -152,24 +152,24 @@ def _refuse_other_batteries(kind: DroneType) -> None:
         )
 
 
-def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun: int) -> Alone:
+def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], levels: int) -> Alone:
     drain, ny = drain_of(kind, step_us), kind.grid.cells[1]
-    left = kind.capacity_us - np.arange(begun) * drain.least
+    left = kind.capacity - np.arange(levels) * drain.least
 
     def steps_of(duration_us: int) -> int:
         return max(1, -(-duration_us // step_us))
 
     stations = np.array([ix * ny + iy for ix, iy in kind.stations], np.int64)
     hops = {way: _hop(kind, (*way, 0)) for way in ((1, 0), (-1, 0), (0, 1), (0, -1))}
-    home = np.zeros((len(ahead), len(stations), begun), np.int64)
+    home = np.zeros((len(ahead), len(stations), levels), np.int64)
     for cell in range(len(ahead)):
         for s, station in enumerate(stations.tolist()):
             dx, dy = station // ny - cell // ny, station % ny - cell % ny
             (x_us, taken_x), (y_us, taken_y) = hops[_sign(dx), 0], hops[0, _sign(dy)]
             flown_us = abs(dx) * x_us + abs(dy) * y_us
-            for j in range(begun):
+            for j in range(levels):
                 arrives_with = int(left[j]) - abs(dx) * taken_x - abs(dy) * taken_y
-                may_return = kind.full_us - j * drain.most <= kind.return_below_us
+                may_return = kind.full - j * drain.most <= kind.return_charge
                 if may_return and arrives_with >= 0:
                     home[cell, s, j] = steps_of(flown_us + kind.until_full_us(arrives_with))
     charge = np.array([steps_of(kind.until_full_us(int(each))) for each in left])
@@ -178,7 +178,7 @@ def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun
     battery: Any = kind.drones.battery
     even = type(battery) is Endurance and drain.exact
     crash = np.array([steps_of(int(each) * even + kind.respawn_after_us) for each in left])
-    doomed = min(begun, max(1, -(-kind.full_us // drain.most))) - 1
+    doomed = min(levels, max(1, -(-kind.full // drain.most))) - 1
     return Alone(ahead, np.arange(len(ahead)), stations, charge, home, crash, doomed, True)
 
 
@@ -193,7 +193,7 @@ def _hop(kind: DroneType, axis: tuple[int, int, int]) -> tuple[int, int]:
     battery: Any = kind.drones.battery
     if type(battery) is not RotaryWing:
         return flight.duration_us, flight.duration_us
-    return flight.duration_us, battery.drained_us(flight, flight.duration_us) - ROUNDED
+    return flight.duration_us, battery.drain_of(flight, flight.duration_us) - ROUNDED
 
 
 @maker
@@ -202,7 +202,7 @@ def leg_number(decision: int) -> int:
     return decision if decision >= 0 else -1 - decision
 
 
-def best_alone(alone: Alone, paid: NDArray[np.float64], steps: int) -> Plan:
+def best_alone(alone: Alone, paid: NDArray[np.float64], steps: int) -> LonePlans:
     """Return what is best for a drone that is paid for each leg in each step.
 
     ``paid`` has the shape (steps, cells, 5), or (1, cells, 5) if all steps pay the same.
@@ -213,7 +213,7 @@ def best_alone(alone: Alone, paid: NDArray[np.float64], steps: int) -> Plan:
     waits = np.zeros((steps, len(alone.stations)), np.bool_)
     resumes = np.zeros(steps + longest, np.int16)
     airborne, landed = _induce(alone, paid, longest, decisions, waits, resumes)
-    return Plan(airborne, landed, decisions, waits, resumes)
+    return LonePlans(airborne, landed, decisions, waits, resumes)
 
 
 @maker
@@ -227,25 +227,25 @@ def _induce(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Write the decision in every state; return the values at the start, airborne and landed."""
     ahead, over, stations, _, home, _, _, limited, may_wait = alone
-    steps, places, begun = decisions.shape
+    steps, places, levels = decisions.shape
     landed = np.zeros((steps + longest, len(stations)))
     resumed = np.zeros(steps + longest)
-    later, now = np.zeros((places, begun)), np.zeros((places, begun))
+    later, now = np.zeros((places, levels)), np.zeros((places, levels))
     shift, far = int(limited), 0
-    while far < begun and not home[:, :, far].any():
+    while far < levels and not home[:, :, far].any():
         far += 1
     for t in range(steps - 1, -1, -1):
         pay = paid[t % len(paid)]
         for place in range(places):
-            values, chosen, earned = now[place], decisions[t, place], pay[over[place]]
-            values[:], chosen[:] = NEVER, 0
+            values, choices, earned = now[place], decisions[t, place], pay[over[place]]
+            values[:], choices[:] = NEVER, 0
             for k in range(ahead.shape[1]):
                 to = ahead[place, k]
                 if to >= 0:
                     paid_for = earned[k if k < len(earned) else 0]
-                    _offer(paid_for, later[to, shift:], k, values, chosen)
+                    _offer(paid_for, later[to, shift:], k, values, choices)
             if limited:
-                _offer_battery(alone, t, place, far, earned, (landed, resumed), (values, chosen))
+                _offer_battery(alone, t, place, far, earned, (landed, resumed), (values, choices))
         for s in range(len(stations)):
             waits[t, s] = may_wait and landed[t + 1, s] > now[stations[s], 0]
             landed[t, s] = landed[t + 1, s] if waits[t, s] else now[stations[s], 0]
@@ -261,14 +261,14 @@ def _offer(
     later: NDArray[np.float64],
     decision: int,
     values: NDArray[np.float64],
-    chosen: NDArray[np.int16],
+    choices: NDArray[np.int16],
 ) -> None:
     """Choose a decision in the states, by steps since the battery was full, where it is better."""
     for j in range(len(later)):
         value = pay + later[j]
         better = value > values[j]
         values[j] = value if better else values[j]
-        chosen[j] = decision if better else chosen[j]
+        choices[j] = decision if better else choices[j]
 
 
 @maker
@@ -285,22 +285,22 @@ def _offer_battery(
 
     ``later`` has the values with a full battery: on each station, and on the best one.
     """
-    (landed, resumed), (values, chosen) = later, best
+    (landed, resumed), (values, choices) = later, best
     _offer_doomed(alone, t, place, earned, resumed, best)
     for j in range(len(values)):
         if resumed[t + alone.crash[j]] > values[j]:
-            values[j], chosen[j] = resumed[t + alone.crash[j]], CRASH
+            values[j], choices[j] = resumed[t + alone.crash[j]], CRASH
     for s in range(len(alone.stations)):
         if alone.stations[s] == place:
             for j in range(1, len(values)):
                 value = landed[t + alone.charge[j], s]
                 if value > values[j]:
-                    values[j], chosen[j] = value, CHARGE
+                    values[j], choices[j] = value, CHARGE
         for j in range(far, len(values)):
             if alone.home[place, s, j] > 0:
                 value = landed[t + alone.home[place, s, j], s]
                 if value > values[j]:
-                    values[j], chosen[j] = value, HOME + s
+                    values[j], choices[j] = value, HOME + s
 
 
 @maker
@@ -313,18 +313,18 @@ def _offer_doomed(
     best: tuple[NDArray[np.float64], NDArray[np.int16]],
 ) -> None:
     """Choose a leg that ends in a crash where this is better."""
-    values, chosen = best
+    values, choices = best
     for j in range(alone.doomed, len(values)):
         for k in range(len(earned)):
             if alone.ahead[place, k] >= 0:
                 value = resumed[t + alone.crash[j]] + earned[k]
                 if value > values[j]:
-                    values[j], chosen[j] = value, -1 - k
+                    values[j], choices[j] = value, -1 - k
 
 
 def follow(
     alone: Alone,
-    plan: Plan,
+    plan: LonePlans,
     shares: Shares,
     begin: int,
     start: int,
@@ -345,7 +345,7 @@ def follow(
 @maker
 def _follow(
     alone: Alone,
-    plan: Plan,
+    plan: LonePlans,
     shares: Shares,
     begin: int,
     place: int,

@@ -20,8 +20,8 @@ from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.optimum.run.alone import ANYWHERE, alone_of, drain_of
 from desim_uav.optimum.run.covered import Covered
 from desim_uav.optimum.run.legs import shares_of
-from desim_uav.optimum.run.prices import Alike, Fleet, lowest_bound
-from desim_uav.optimum.run.schedule import TURNS, Team
+from desim_uav.optimum.run.prices import Fleet, SamePrices, lowest_bound
+from desim_uav.optimum.run.schedule import TURNS, TeamSchedule
 from desim_uav.optimum.run.served import Served, asked_in
 from desim_uav.sample_path import draw
 from desim_uav.world import World
@@ -61,7 +61,7 @@ class RunBound:
         return 100.0 * (self.qoe3_at_most_percent / self.schedule_qoe3_percent - 1.0)
 
 
-class Run:
+class BoundedRun:
     """A run of a world on the sample paths of a seed, without warm-up.
 
     Raises ScenarioError if the model is not the paper's, and UsageError, with the key, if the run
@@ -83,13 +83,13 @@ class Run:
         self.steps = steps * episodes
         stretch = self.steps if world.scenario.episode.carry_over else steps
         if type(world.scenario.users.mobility) is Static:
-            walks, kept = [self.paths[0].walks], 1
+            walks, steps_each = [self.paths[0].walks], 1
         else:
-            walks, kept = [path.walks for path in self.paths], steps
+            walks, steps_each = [path.walks for path in self.paths], steps
         types = [
-            Alike(
+            SamePrices(
                 alone_of(kind, world.step_us, stretch),
-                shares_of(world, kind, walks, kept, on_work),
+                shares_of(world, kind, walks, steps_each, on_work),
                 _starts(world, kind),
             )
             for kind in _kinds(world)
@@ -119,8 +119,8 @@ class Run:
             self.on_work()
             return left > 0
 
-        found = lowest_bound(Covered(), self.fleet, prices, go_on)
-        return min(1.0, found + self.slack)
+        bound = lowest_bound(Covered(), self.fleet, prices, go_on)
+        return min(1.0, bound + self.slack)
 
     def qoe1(self) -> float | None:
         """Return a bound of QoE1, as a share, or None if there are no requests.
@@ -128,25 +128,25 @@ class Run:
         As no policy serves more than everything, it is at most 1.
         """
         requests = [path.requests for path in self.paths]
-        asked = asked_in(requests, self.world.scenario.episode.steps, self.world.step_us)
-        if not len(asked.required):
+        chains = asked_in(requests, self.world.scenario.episode.steps, self.world.step_us)
+        if not len(chains.required):
             return None
-        prices, done = np.full((self.steps, len(self.world.homes)), SERVED_PRICE), 0
+        prices, rounds = np.full((self.steps, len(self.world.homes)), SERVED_PRICE), 0
 
         def go_on(lowest: float) -> bool:
-            nonlocal done
-            done += 1
+            nonlocal rounds
+            rounds += 1
             self.on_work()
-            return done < self.rounds and (done < TRIED or lowest < 1.0)
+            return rounds < self.rounds and (rounds < TRIED or lowest < 1.0)
 
-        found = lowest_bound(Served(asked), self.fleet, prices, go_on)
+        bound = lowest_bound(Served(chains), self.fleet, prices, go_on)
         # Each request may be served for a little longer in each step of its episode.
         longer = self.slack * self.world.scenario.episode.steps
-        return min(1.0, found + longer / float(asked.required.min()))
+        return min(1.0, bound + longer / float(chains.required.min()))
 
     def _qoe1_percent(self) -> float | None:
-        found = self.qoe1()
-        return None if found is None else 100.0 * found
+        share = self.qoe1()
+        return None if share is None else 100.0 * share
 
     @property
     def may_schedule(self) -> bool:
@@ -160,7 +160,7 @@ class Run:
         episodes = stretch // self.world.scenario.episode.steps
         for number in range(self.steps // stretch):
             (own,) = self.fleet.types
-            team = Team(self.world, own.alone, own.shares, number * stretch, stretch)
+            team = TeamSchedule(self.world, own.alone, own.shares, number * stretch, stretch)
             team.improve(turns, self.on_work)
             reached += team.play(self.paths[number * episodes : (number + 1) * episodes])
         return float(np.mean(reached))

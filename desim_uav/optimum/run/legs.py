@@ -98,7 +98,7 @@ def shares_of(
         for heading in HEADINGS
     )
     radius_m, dense = kind.drones.footprint_radius_m, np.zeros((*ahead.shape, users))
-    found, sizes, kept = np.empty((8 * users + 8, 3), np.int64), [np.zeros(1, np.int64)], 0
+    buffer, sizes, total = np.empty((8 * users + 8, 3), np.int64), [np.zeros(1, np.int64)], 0
     numbers: list[NDArray[np.int32]] = []
     shares: list[NDArray[np.float64]] = []
     for walks in episodes:
@@ -106,12 +106,12 @@ def shares_of(
         for step in range(steps):
             span = (step * world.step_us, (step + 1) * world.step_us)
             while (
-                most := _cover(walkers, profiles, centres, ahead, span, radius_m, found, dense)
-            ) > len(found):
-                found = np.empty((most, 3), np.int64)
+                most := _cover(walkers, profiles, centres, ahead, span, radius_m, buffer, dense)
+            ) > len(buffer):
+                buffer = np.empty((most, 3), np.int64)
             _, _, covered = np.nonzero(dense)
-            kept += len(covered)
-            if kept > MOST_SHARES:
+            total += len(covered)
+            if total > MOST_SHARES:
                 raise UsageError(
                     f"users.count: {users} users over {nx * ny} cells have more than {MOST_SHARES} "
                     "shares of steps in this run; bound fewer episodes"
@@ -132,12 +132,12 @@ def _cover(
     ahead: NDArray[np.int64],
     span: tuple[int, int],
     radius_m: float,
-    found: NDArray[np.int64],
+    buffer: NDArray[np.int64],
     shares: NDArray[np.float64],
 ) -> int:
     """Write the share (cells, 5, users) for which each leg covers each user in a span.
 
-    Returns the largest number of crossings of a leg; if ``found`` has fewer rows, it is too small.
+    Returns the largest number of crossings of a leg; if ``buffer`` has fewer rows, it is too small.
     """
     shares[:] = 0.0
     begin_us, end_us = span
@@ -150,14 +150,14 @@ def _cover(
                 continue
             route = (centres[cell, 0], centres[cell, 1], centres[to, 0], centres[to, 1])
             leg = DroneLeg(profiles[k], route, span, radius_m, True, 0.0)
-            count = crossings(leg, walkers, found)
+            count = crossings(leg, walkers, buffer)
             most = max(most, count)
-            if count > len(found):
+            if count > len(buffer):
                 continue
             for row in range(count):
-                t_us, user = found[row, TIME_US], found[row, USER]
+                t_us, user = buffer[row, TIME_US], buffer[row, USER]
                 left = (end_us - t_us) / (end_us - begin_us)
-                shares[cell, k, user] += left if found[row, ENTERS] else -left
+                shares[cell, k, user] += left if buffer[row, ENTERS] else -left
             for user in range(shares.shape[2]):
                 shares[cell, k, user] = max(0.0, shares[cell, k, user])
     return most

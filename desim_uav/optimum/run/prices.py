@@ -55,7 +55,7 @@ class Measure(Protocol):
         """Return the bound, if all drones together earn at most ``earned`` at these prices."""
 
 
-class Alike(NamedTuple):
+class SamePrices(NamedTuple):
     """The drones of a type in a run: what each can do, and whom each leg covers.
 
     ``starts`` says how many begin in which cell with a full battery, or ANYWHERE.
@@ -72,7 +72,7 @@ class Fleet(NamedTuple):
     All of them begin anew after every ``steps`` steps; the run may have several such stretches.
     """
 
-    types: Sequence[Alike]
+    types: Sequence[SamePrices]
     steps: int
 
     @property
@@ -96,18 +96,18 @@ def lowest_bound(
     going = True
     while going:
         earned, covered = _best_plans(fleet, prices)
-        found = measure.at_most(prices, earned)
+        trial = measure.at_most(prices, earned)
         since += 1
-        if found.bound < lowest:
-            since = 0 if found.bound < lowest - LEAST_GAIN else since
-            lowest, best = found.bound, prices
-        slope = (covered - found.needed) / found.scale
+        if trial.bound < lowest:
+            since = 0 if trial.bound < lowest - LEAST_GAIN else since
+            lowest, best = trial.bound, prices
+        slope = (covered - trial.needed) / trial.scale
         direction = MEMORY * direction + (1 - MEMORY) * slope if direction.any() else slope
         if since > PATIENCE:
             gap, since, prices = SMALLER * gap, 0, best
         length = float((direction**2).sum())
         if length > 0.0:
-            step = (found.bound - lowest + gap) / length
+            step = (trial.bound - lowest + gap) / length
             prices = np.clip(prices - step * direction, 0.0, measure.most)
         going = on_round(lowest)
     return lowest

@@ -22,7 +22,7 @@ from desim_uav.optimum.run.alone import (
     CHARGE,
     LARGEST,
     Alone,
-    Plan,
+    LonePlans,
     best_alone,
     follow,
     leg_number,
@@ -39,7 +39,7 @@ TURNS = 6
 """The number of times that each drone is given new flights."""
 
 
-class Team:
+class TeamSchedule:
     """The drones of a world, which begin at their starts, with plans for so many steps.
 
     The first of them is step ``begin`` of the shares.
@@ -53,13 +53,13 @@ class Team:
         self.number = {node: k for k, node in enumerate(self.nodes)}
         self.starts = [self.number[(*cell, 0)] for cell in world.starts]
         self.alone = self._alone(relaxed)
-        self.plans: list[Plan | None] = [None] * len(self.starts)
+        self.plans: list[LonePlans | None] = [None] * len(self.starts)
         self.covered = np.zeros((len(self.starts), steps, len(world.homes)))
 
     def _alone(self, relaxed: Alone) -> Alone:
         """Return what a drone can do by moves and charges; a crash lasts for ever."""
-        begun = len(relaxed.charge)
-        if self.steps * len(self.nodes) * begun > LARGEST:
+        levels = len(relaxed.charge)
+        if self.steps * len(self.nodes) * levels > LARGEST:
             raise UsageError("map.cells: too many places for a schedule")
         ahead = np.full((len(self.nodes), len(FLIGHTS)), -1)
         for k, (ix, iy, level) in enumerate(self.nodes):
@@ -74,8 +74,8 @@ class Team:
             over,
             np.array(stations if relaxed.limited else [], np.int64),
             relaxed.charge,
-            np.zeros((len(ahead), len(stations) if relaxed.limited else 0, begun), np.int64),
-            np.full(begun, self.steps + 1) if relaxed.limited else relaxed.crash,
+            np.zeros((len(ahead), len(stations) if relaxed.limited else 0, levels), np.int64),
+            np.full(levels, self.steps + 1) if relaxed.limited else relaxed.crash,
             relaxed.doomed,
             relaxed.limited,
             may_wait=False,
@@ -84,7 +84,7 @@ class Team:
     def improve(self, turns: int, on_turn: Callable[[], None]) -> None:
         """Give each drone in turn the best flights beside those of the others."""
         paid = np.empty((self.steps, self.world.grid.height_m.size, len(HEADINGS)))
-        best, kept = -1.0, list(self.plans)
+        best, best_plans = -1.0, list(self.plans)
         for _ in range(turns):
             for drone, start in enumerate(self.starts):
                 missed = np.prod(1.0 - np.delete(self.covered, drone, 0).clip(0.0, 1.0), axis=0)
@@ -96,38 +96,40 @@ class Team:
             total = float((1.0 - np.prod(1.0 - self.covered, axis=0)).sum())
             if total <= best:
                 break
-            best, kept = total, list(self.plans)
-        self.plans = kept
+            best, best_plans = total, list(self.plans)
+        self.plans = best_plans
 
     def play(self, paths: Sequence[SamplePath]) -> list[float]:
         """Play the schedule in the SimPy engine; return the QoE3 of each episode, in percent."""
         world = self.world
         carried = world.scenario.episode.carry_over
         engine = make_engine("des", world, RunSettings((True,) * len(self.starts), carried))
-        at, found, step = list(self.starts), [], 0
+        at, qoe3_percent, step = list(self.starts), [], 0
         for path in paths:
-            shown = engine.reset(path)
-            while not (shown.terminated or shown.truncated):
+            snapshot = engine.reset(path)
+            while not (snapshot.terminated or snapshot.truncated):
                 commands = []
-                for drone, seen in enumerate(shown.observations):
-                    action, at[drone] = self._action(drone, at[drone], step, seen)
+                for drone, observation in enumerate(snapshot.observations):
+                    action, at[drone] = self._action(drone, at[drone], step, observation)
                     commands.append(world.actions.index(action))
-                shown, step = engine.step(commands), step + 1
+                snapshot, step = engine.step(commands), step + 1
             users_us = len(world.homes) * engine.log.duration_us
-            found.append(100.0 * engine.log.attached_us / users_us)
-        return found
+            qoe3_percent.append(100.0 * engine.log.attached_us / users_us)
+        return qoe3_percent
 
-    def _action(self, drone: int, at: int, step: int, seen: Observation) -> tuple[Action, int]:
+    def _action(
+        self, drone: int, at: int, step: int, observation: Observation
+    ) -> tuple[Action, int]:
         """Return the action of a drone at a place, and the place to which it leads."""
-        plan, mode = self.plans[drone], seen.mode
+        plan, mode = self.plans[drone], observation.mode
         if mode in IN_QUEUE:
             return Action.CHARGE, at
         if mode == Mode.CRASHED or plan is None:
             return Action.HOVER, at
         j = 0
         if self.alone.limited:
-            left_us = round((seen.battery_s or 0.0) * US)
-            j = (self.world.only_type.capacity_us - left_us) // self.world.step_us
+            left_us = round((observation.battery_s or 0.0) * US)
+            j = (self.world.only_type.capacity - left_us) // self.world.step_us
         decision = int(plan.decisions[step, at, j])
         if decision == CHARGE:
             return Action.CHARGE, at

@@ -26,7 +26,7 @@ HALVINGS = 45
 """How often the interval that contains θ is halved."""
 
 
-class Asked(NamedTuple):
+class Chains(NamedTuple):
     """The requests of a run. A chain is those of one user in one episode.
 
     The requests of chain i, whose user is ``users[i]``, are ``first[i]:first[i + 1]``. Each can be
@@ -43,7 +43,7 @@ class Asked(NamedTuple):
     after_previous: bool
 
 
-def asked_in(episodes: Sequence[Requests], steps: int, step_us: int) -> Asked:
+def asked_in(episodes: Sequence[Requests], steps: int, step_us: int) -> Chains:
     """Return the requests of episodes of so many steps, which follow upon each other.
 
     A request is made at the earliest if all previous ones of its user are served at once.
@@ -62,7 +62,7 @@ def asked_in(episodes: Sequence[Requests], steps: int, step_us: int) -> Asked:
             users.append(user)
             first.append(len(rows))
     table = np.array(rows, float).reshape(-1, 3)
-    return Asked(
+    return Chains(
         np.array(first),
         np.array(users, np.int64),
         table[:, 0].copy(),
@@ -77,23 +77,23 @@ class Served:
 
     most = np.inf
 
-    def __init__(self, asked: Asked) -> None:
-        self.asked = asked
+    def __init__(self, chains: Chains) -> None:
+        self.chains = chains
 
     def at_most(self, prices: Prices, earned: float) -> Slope:
         """Return the bound on QoE1, and its slope."""
-        asked, needed = self.asked, np.zeros_like(prices)
-        gains = np.empty((len(asked.required), 2))
-        _gains(asked, prices, gains)
+        chains, needed = self.chains, np.zeros_like(prices)
+        gains = np.empty((len(chains.required), 2))
+        _gains(chains, prices, gains)
         low, theta = 0.0, HIGHEST
         for _ in range(HALVINGS):
             middle = 0.5 * (low + theta)
-            if _choose(asked, prices, gains, middle, needed, False)[0] + earned > 0.0:
+            if _choose(chains, prices, gains, middle, needed, False)[0] + earned > 0.0:
                 low = middle
             else:
                 theta = middle
-        _, made = _choose(asked, prices, gains, theta, needed, True)
-        return Slope(theta, needed, float(max(made, 1)))
+        _, requests = _choose(chains, prices, gains, theta, needed, True)
+        return Slope(theta, needed, float(max(requests, 1)))
 
 
 @maker
@@ -120,14 +120,14 @@ def _buy(
 
 
 @maker
-def _gains(asked: Asked, prices: Prices, gains: NDArray[np.float64]) -> None:
+def _gains(chains: Chains, prices: Prices, gains: NDArray[np.float64]) -> None:
     """Write the largest gain of each request, if it is served completely and otherwise."""
-    for chain in range(len(asked.users)):
-        user = asked.users[chain]
-        for k in range(asked.first[chain], asked.first[chain + 1]):
-            window, required = (asked.earliest[k], asked.ends[k]), asked.required[k]
+    for chain in range(len(chains.users)):
+        user = chains.users[chain]
+        for k in range(chains.first[chain], chains.first[chain + 1]):
+            window, required = (chains.earliest[k], chains.ends[k]), chains.required[k]
             _, _, bought, paid = _buy(prices, user, window, required, np.inf)
-            whole = required <= asked.ends[k] - asked.earliest[k] + 1e-9
+            whole = required <= chains.ends[k] - chains.earliest[k] + 1e-9
             gains[k, 0] = 1.0 - paid if whole else -np.inf
             _, _, bought, paid = _buy(prices, user, window, required, 1.0 / required)
             gains[k, 1] = bought / required - paid
@@ -135,7 +135,7 @@ def _gains(asked: Asked, prices: Prices, gains: NDArray[np.float64]) -> None:
 
 @maker
 def _choose(
-    asked: Asked,
+    chains: Chains,
     prices: Prices,
     gains: NDArray[np.float64],
     theta: float,
@@ -146,14 +146,14 @@ def _choose(
 
     If ``write`` is true, the times of service are added to ``needed`` (steps, users).
     """
-    total, made = 0.0, 0
-    for chain in range(len(asked.users)):
-        first, stop = asked.first[chain], asked.first[chain + 1]
+    total, requests = 0.0, 0
+    for chain in range(len(chains.users)):
+        first, stop = chains.first[chain], chains.first[chain + 1]
         if first == stop:
             continue
         best, last, served = -np.inf, first, 0.0
         for k in range(first, stop):
-            if asked.after_previous:
+            if chains.after_previous:
                 gain = served + gains[k, 1] - theta * (k - first + 1)
                 served += gains[k, 0]
                 if gain > best:
@@ -164,17 +164,17 @@ def _choose(
                 best += max(0.0, gains[k, 1] - theta)
         total += best
         for k in range(first, stop):
-            whole = asked.after_previous and k < last
-            part = k == last or (not asked.after_previous and gains[k, 1] > theta)
+            whole = chains.after_previous and k < last
+            part = k == last or (not chains.after_previous and gains[k, 1] > theta)
             if not (whole or part):
                 continue
-            made += 1
+            requests += 1
             if write:
-                worth = np.inf if whole else 1.0 / asked.required[k]
-                window = (asked.earliest[k], asked.ends[k])
+                worth = np.inf if whole else 1.0 / chains.required[k]
+                window = (chains.earliest[k], chains.ends[k])
                 steps, times, _, _ = _buy(
-                    prices, asked.users[chain], window, asked.required[k], worth
+                    prices, chains.users[chain], window, chains.required[k], worth
                 )
                 for i in range(len(steps)):
-                    needed[steps[i], asked.users[chain]] += times[i]
-    return total, made
+                    needed[steps[i], chains.users[chain]] += times[i]
+    return total, requests

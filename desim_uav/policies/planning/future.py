@@ -92,19 +92,19 @@ class _Draws:
             return Requests(none, np.zeros(users + 1, np.int64), True)
         streams = self._streams(REQUESTS)
         onward = from_now(demand, self.step * self.world.step_us)
-        drawn = onward.requests(users, self.world.services, streams, self.world.horizon_us)
-        return _without_first(drawn) if after_previous else drawn
+        requests = onward.requests(users, self.world.services, streams, self.world.horizon_us)
+        return _without_first(requests) if after_previous else requests
 
     def errors(self, path: SamplePath) -> NDArray[np.float64] | None:
         """Return the position errors, of which those after now are new."""
-        noise, known = self.world.scenario.position_noise, path.position_error
-        if known is None or noise is None:
+        noise, errors = self.world.scenario.position_noise, path.position_error
+        if errors is None or noise is None:
             return None
         rng = self._streams(NOISE).generator(0)
-        drawn = rng.normal(0.0, noise.sigma_cells, known.shape)
-        drawn = np.where(rng.random(known.shape) < noise.probability, drawn, 0.0)
-        drawn[:, : self.step + 1] = known[:, : self.step + 1]
-        return drawn
+        normals = rng.normal(0.0, noise.sigma_cells, errors.shape)
+        normals = np.where(rng.random(errors.shape) < noise.probability, normals, 0.0)
+        normals[:, : self.step + 1] = errors[:, : self.step + 1]
+        return normals
 
     def respawns(self, path: SamplePath) -> NDArray[np.int64]:
         """Return new stations for drones that are replaced."""
@@ -113,10 +113,10 @@ class _Draws:
         rng = self._streams(RESPAWNS).generator(0)
         return rng.integers(0, len(self.world.stations), path.respawn.shape)
 
-    def links(self, path: SamplePath, seen: SeenLinks) -> NDArray[np.uint64]:
+    def links(self, path: SamplePath, state: SeenLinks) -> NDArray[np.uint64]:
         """Return the key of links' draws, of which those that are not seen are new."""
         new = self._streams(LINKS).generator(0).bit_generator.random_raw(2)
-        return imagined_links(path.link_key, new, *seen)
+        return imagined_links(path.link_key, new, *state)
 
 
 def _each_one(users: Any) -> NDArray[np.int64]:
@@ -126,29 +126,29 @@ def _each_one(users: Any) -> NDArray[np.int64]:
 
 def _joined(true: Walks, new: Walks, now_us: int) -> Walks:
     """Return the true legs that begin before now and then the new ones, which begin now."""
-    begun = true.legs[:, T0_US] < now_us
-    users = np.repeat(np.arange(len(true.offsets) - 1), np.diff(true.offsets))[begun]
+    underway = true.legs[:, T0_US] < now_us
+    users = np.repeat(np.arange(len(true.offsets) - 1), np.diff(true.offsets))[underway]
     after = np.repeat(np.arange(len(new.offsets) - 1), np.diff(new.offsets))
     later = new.legs.copy()
     later[:, T0_US] += now_us
     owners = np.concatenate([users, after])
     order = np.argsort(owners, kind="stable")
-    legs = np.concatenate([true.legs[begun], later])[order]
+    legs = np.concatenate([true.legs[underway], later])[order]
     counts = np.bincount(owners, minlength=len(true.offsets) - 1)
     return Walks(np.ascontiguousarray(legs), np.concatenate([[0], np.cumsum(counts)]))
 
 
-def _without_first(drawn: Requests) -> Requests:
+def _without_first(requests: Requests) -> Requests:
     """Return requests without those at the very start, which users have made already."""
-    firsts = drawn.offsets[:-1][np.diff(drawn.offsets) > 0]
-    dropped = firsts[drawn.rows[firsts, DUE_US] == 0]
-    kept = np.ones(len(drawn.rows), bool)
-    kept[dropped] = False
-    counts = np.add.reduceat(kept, firsts) if len(firsts) else np.zeros(0, np.int64)
-    sizes = np.zeros(len(drawn.offsets) - 1, np.int64)
-    sizes[np.diff(drawn.offsets) > 0] = counts
+    firsts = requests.offsets[:-1][np.diff(requests.offsets) > 0]
+    dropped = firsts[requests.rows[firsts, DUE_US] == 0]
+    remains = np.ones(len(requests.rows), bool)
+    remains[dropped] = False
+    counts = np.add.reduceat(remains, firsts) if len(firsts) else np.zeros(0, np.int64)
+    sizes = np.zeros(len(requests.offsets) - 1, np.int64)
+    sizes[np.diff(requests.offsets) > 0] = counts
     offsets = np.concatenate([[0], np.cumsum(sizes)])
-    return Requests(np.ascontiguousarray(drawn.rows[kept]), offsets, drawn.after_previous)
+    return Requests(np.ascontiguousarray(requests.rows[remains]), offsets, requests.after_previous)
 
 
 def _asking_anew(rows: Rows, requests: Requests, horizon_us: int) -> Rows:
@@ -165,6 +165,6 @@ def _asking_anew(rows: Rows, requests: Requests, horizon_us: int) -> Rows:
                 due.append((ask_slot(state, user.index), t_us, key(Phase.REQUEST, -1, user.index)))
     if not requests.after_previous:
         requests.rows[:, DUE_US] += state.now_us
-    asked = [user._replace(next_ask=int(requests.offsets[user.index])) for user in state.users]
+    asking = [user._replace(next_ask=int(requests.offsets[user.index])) for user in state.users]
     due.sort(key=lambda event: (event[1], event[2]))
-    return Rows(state._replace(users=tuple(asked)), rows.routes, tuple(due))
+    return Rows(state._replace(users=tuple(asking)), rows.routes, tuple(due))

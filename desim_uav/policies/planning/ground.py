@@ -29,18 +29,17 @@ DRAWN_WALKS = 8
 class Ground:
     """The map of a planner, made once per world. A place has the number (level * nx + x) * ny + y.
 
-    Batteries are counted in units of ``unit_us``, which a step of hovering drains, rounded down.
-    ``actions`` are the moves, hovering first, at the cruise speed that takes least of a battery, or
-    else at the highest; ``after`` (moves, places) is the place to which each leads, or -1;
-    ``drains`` (moves,) the units that it takes, rounded up, and ``takes`` (commands,) those that
-    each command to move takes, at any speed. ``station_of`` (places,)
-    is the station on which a drone lands, or -1. ``returns`` (places, 4) has the station's place,
-    the flight in µs, the units that it drains, and 1 if there is a way. ``needs`` (places,) are the
-    units without which a drone comes too late to every station. ``charge_us`` (units + 1,) is the
-    time to a full battery. ``rings`` (places,) is the row of ``radii_m`` (rings, users) that holds
-    at a place, and ``cells`` (places,) its cell, with its centre ``centres_m`` (cells, 2).
-    ``spread_m`` (steps + 1,) is the standard deviation, along an axis, of where a user walks in so
-    many steps.
+    Batteries are counted in units of ``charge_unit``, which a step of hovering drains, rounded
+    down. ``actions`` are the moves, hovering first, at the cruise speed that takes least of a
+    battery, or else at the highest; ``after`` (moves, places) is the place to which each leads, or
+    -1; ``drains`` (moves,) the units that it takes, rounded up, and ``takes`` (commands,) those
+    that each command to move takes, at any speed. ``station_of`` (places,) is the station on which
+    a drone lands, or -1. ``returns`` (places, 4) has the station's place, the flight in µs, the
+    units that it drains, and 1 if there is a way. ``needs`` (places,) are the units without which a
+    drone comes too late to every station. ``charge_us`` (units + 1,) is the time to a full battery.
+    ``rings`` (places,) is the row of ``radii_m`` (rings, users) that holds at a place, and
+    ``cells`` (places,) its cell, with its centre ``centres_m`` (cells, 2). ``spread_m`` (steps +
+    1,) is the standard deviation, along an axis, of where a user walks in so many steps.
     """
 
     world: World
@@ -48,7 +47,7 @@ class Ground:
     after: Ints
     drains: Ints
     takes: Ints
-    unit_us: int
+    charge_unit: int
     station_of: Ints
     returns: Ints
     return_at: int
@@ -89,13 +88,13 @@ def ground_of(world: World) -> Ground:
     count = levels * nx * ny
     actions = (Action.HOVER, *_thriftiest(world))
     after = np.array([_led_to(world, action, levels) for action in actions])
-    unit_us, takes = _drains(world, world.actions)
+    charge_unit, takes = _drains(world, world.actions)
     drains = takes[[world.actions.index(action) for action in actions]]
     station_of = np.full(count, -1)
     for station, (x, y) in enumerate(world.stations):
         station_of[x * ny + y] = station
-    full = max(1, world.only_type.capacity_us // unit_us) if limited else 1
-    charges = [min(unit * unit_us, world.only_type.capacity_us) for unit in range(full + 1)]
+    full = max(1, world.only_type.capacity // charge_unit) if limited else 1
+    charges = [min(unit * charge_unit, world.only_type.capacity) for unit in range(full + 1)]
     noisy = world.scenario.position_noise is not None
     rings, radii_m = _radii(world, levels)
     return Ground(
@@ -104,10 +103,10 @@ def ground_of(world: World) -> Ground:
         after,
         drains,
         takes,
-        unit_us,
+        charge_unit,
         station_of,
-        _returns(world, levels, unit_us),
-        -1 if noisy or not limited else world.only_type.return_below_us // unit_us,
+        _returns(world, levels, charge_unit),
+        -1 if noisy or not limited else world.only_type.return_charge // charge_unit,
         _needs(after, drains, station_of) if limited else np.zeros(count, np.int64),
         np.array([world.only_type.until_full_us(charge) for charge in charges], np.int64),
         np.repeat(rings, nx * ny),
@@ -127,7 +126,7 @@ def _thriftiest(world: World) -> list[Choice]:
     for choice in reversed(world.actions):
         kind = kind_of(choice)
         if kind in MOVES and (
-            kind not in best or _drained_us(world, choice) < _drained_us(world, best[kind])
+            kind not in best or _drain_of(world, choice) < _drain_of(world, best[kind])
         ):
             best[kind] = choice
     return [best[kind] for kind in MOVES if kind in best]
@@ -145,7 +144,7 @@ def _led_to(world: World, action: Choice, levels: int) -> Ints:
     return led
 
 
-def _drained_us(world: World, action: Choice) -> int:
+def _drain_of(world: World, action: Choice) -> int:
     """Return what a step of an action drains, in units of the battery; 0 without one."""
     energy = world.only_type.drones.battery
     if energy is None:
@@ -153,10 +152,10 @@ def _drained_us(world: World, action: Choice) -> int:
     rest = world.only_type.rest
     transit = world.only_type.epoch_transits.get(action, rest)
     rest_us = world.step_us - transit.duration_us
-    drained_us = energy.drained_us(rest, max(rest_us, 0))
+    drain = energy.drain_of(rest, max(rest_us, 0))
     if transit.duration_us:
-        drained_us += energy.drained_us(transit, transit.duration_us)
-    return drained_us
+        drain += energy.drain_of(transit, transit.duration_us)
+    return drain
 
 
 def _drains(world: World, actions: tuple[Choice, ...]) -> tuple[int, Ints]:
@@ -164,22 +163,24 @@ def _drains(world: World, actions: tuple[Choice, ...]) -> tuple[int, Ints]:
     energy = world.only_type.drones.battery
     if energy is None:
         return world.step_us, np.zeros(len(actions), np.int64)
-    unit_us = max(1, energy.drained_us(world.only_type.rest, world.step_us))
-    return unit_us, np.array([-(-_drained_us(world, action) // unit_us) for action in actions])
+    charge_unit = max(1, energy.drain_of(world.only_type.rest, world.step_us))
+    return charge_unit, np.array(
+        [-(-_drain_of(world, action) // charge_unit) for action in actions]
+    )
 
 
-def _returns(world: World, levels: int, unit_us: int) -> Ints:
+def _returns(world: World, levels: int, charge_unit: int) -> Ints:
     """Return the planned return from each place (see ``Ground.returns``)."""
     nx, ny = world.grid.cells
-    found = np.zeros((levels * nx * ny, 4), np.int64)
+    returns = np.zeros((levels * nx * ny, 4), np.int64)
     if not world.scenario.limited_battery or not world.stations:
-        return found
-    for place in range(len(found)):
+        return returns
+    for place in range(len(returns)):
         back = world.only_type.planner.plan((place // ny % nx, place % ny, place // (nx * ny)))
         if back is not None:
             x, y = world.stations[back.station]
-            found[place] = (x * ny + y, back.duration_us, -(-back.drained_us // unit_us), 1)
-    return found
+            returns[place] = (x * ny + y, back.duration_us, -(-back.drain // charge_unit), 1)
+    return returns
 
 
 def _needs(after: Ints, drains: Ints, station_of: Ints) -> Ints:
@@ -194,8 +195,8 @@ def _needs(after: Ints, drains: Ints, station_of: Ints) -> Ints:
         led = np.where(after >= 0, needs[after] + drains[:, None], NO_WAY)
         nearer = np.minimum(needs, led.min(axis=0))
         if (nearer == needs).all():
-            found: Ints = nearer
-            return found
+            units: Ints = nearer
+            return units
         needs = nearer
 
 

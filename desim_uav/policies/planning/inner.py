@@ -85,16 +85,16 @@ def _charge(engine: Engine) -> float:
     passed_us = int(engine.state.now_us)
     if not world.scenario.limited_battery or not world.stations or passed_us == 0:
         return 0.0
-    lasts_us = world.only_type.capacity_us * (US / world.only_type.per_second)
+    lasts_us = world.only_type.capacity * (US / world.only_type.drain_per_s)
     cycle = world.only_type.full_charge_us / (lasts_us + world.only_type.full_charge_us)
-    charge_us = sum(_battery_us(engine, row) for row in engine.drones)
+    charge_us = sum(_charge_of(engine, row) for row in engine.drones)
     return cycle * charge_us / (len(engine.drones) * passed_us)
 
 
-def _battery_us(engine: Engine, drone: Any) -> int:
+def _charge_of(engine: Engine, drone: Any) -> int:
     """Return the time that a drone's battery lasts, less that since its last record in the air."""
-    per_us = engine.world.only_type.per_second / US
+    per_us = engine.world.only_type.drain_per_s / US
     if drone.mode in GROUNDED:
-        return int(engine.world.only_type.capacity_us / per_us)
+        return int(engine.world.only_type.capacity / per_us)
     flown_us = int(engine.state.now_us) - drone.since_us if drone.mode in AIRBORNE else 0
-    return max(0, int(drone.battery_us / per_us) - flown_us)
+    return max(0, int(drone.charge / per_us) - flown_us)

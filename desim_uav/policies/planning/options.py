@@ -17,44 +17,44 @@ class Option(NamedTuple):
 
 
 def options_of(
-    planner: str, text: str, given: Mapping[str, Any], known: Mapping[str, Option]
+    planner: str, text: str, arguments: Mapping[str, Any], options: Mapping[str, Option]
 ) -> dict[str, Any]:
     """Return the values of all options: those in the text, those given, and defaults.
 
     ``text`` is a list of ``key=value`` that is separated by ``+``. An option whose default is a
     whole number has whole numbers only. Raises ValueError for an unknown key or a bad value.
     """
-    values: dict[str, Any] = {key: option.default for key, option in known.items()}
-    told: dict[str, Any] = dict(given)
+    values: dict[str, Any] = {key: option.default for key, option in options.items()}
+    settings: dict[str, Any] = dict(arguments)
     for part in text.split("+") if text else ():
         key, equals, value = part.partition("=")
         if not equals:
             raise ValueError(f"{part!r}: write an option as key=value, and + between two of them")
-        if key in told:
+        if key in settings:
             raise ValueError(f"{key}: it is given twice")
-        told[key] = value
-    for key, value in told.items():
-        if key not in known:
-            hint = did_you_mean(key, known)
+        settings[key] = value
+    for key, value in settings.items():
+        if key not in options:
+            hint = did_you_mean(key, options)
             raise ValueError(
-                f"{planner} has no option {key!r}{hint}; allowed: {', '.join(known) or 'none'}"
+                f"{planner} has no option {key!r}{hint}; allowed: {', '.join(options) or 'none'}"
             )
-        values[key] = _number(key, value, known[key])
+        values[key] = _number(key, value, options[key])
     return values
 
 
 def _number(key: str, value: Any, option: Option) -> float:
     kind = int if isinstance(option.default, int) else float
     what = "a whole number" if kind is int else "a number"
-    wanted = f"{key}: {value!r}: must be {what} from {option.least:g} to {option.most:g}"
+    message = f"{key}: {value!r}: must be {what} from {option.least:g} to {option.most:g}"
     try:
         number = kind(value)
     except (TypeError, ValueError):
-        raise ValueError(wanted) from None
+        raise ValueError(message) from None
     if isinstance(value, bool) or (not isinstance(value, str) and number != value):
-        raise ValueError(wanted)
+        raise ValueError(message)
     if not option.least <= number <= option.most:
-        raise ValueError(wanted)
+        raise ValueError(message)
     return number
 
 

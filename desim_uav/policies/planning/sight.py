@@ -28,7 +28,7 @@ class Standing(NamedTuple):
     begins: int = 0
 
 
-class Sight(NamedTuple):
+class PlanningSight(NamedTuple):
     """The users' places (users, 2) in metres and who has an open request (users,), and the drones.
 
     ``left`` is the number of steps that are left of the episode. ``future_m`` (left, users, 2) are
@@ -47,62 +47,62 @@ class Sight(NamedTuple):
         From step ``left`` on the next episode has begun, in which they walk from their homes anew.
         """
         places_m = np.repeat(self.users_m[np.newaxis], steps + 1, axis=0)
-        passed = np.arange(steps + 1)
+        steps_since = np.arange(steps + 1)
         if self.future_m is not None:
-            known = self.future_m[: steps + 1]
-            places_m[: len(known)] = known
+            true_m = self.future_m[: steps + 1]
+            places_m[: len(true_m)] = true_m
         places_m[self.left :] = ground.world.homes[:, :2]
-        passed[self.left :] -= self.left
-        spread_m = ground.spread_m[np.minimum(passed, len(ground.spread_m) - 1)]
+        steps_since[self.left :] -= self.left
+        spread_m = ground.spread_m[np.minimum(steps_since, len(ground.spread_m) - 1)]
         if self.future_m is not None:
             spread_m[: self.left] = 0.0
         return places_m, spread_m
 
 
-def look(engine: Engine, ground: Ground, observations: Any) -> Sight:
+def look(engine: Engine, ground: Ground, observations: Any) -> PlanningSight:
     """Return what a planner sees now."""
     _, users_m = engine.positions_m()
     states = [state >= UserState.OPEN for state in engine.user_states()]
     left = ground.world.scenario.episode.steps - observations[0].step
     places = np.ascontiguousarray(users_m[:, :2])
-    return Sight(left, places, np.array(states), _drones(engine, ground, observations))
+    return PlanningSight(left, places, np.array(states), _drones(engine, ground, observations))
 
 
 def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing, ...]:
     """Return the standings of all drones; those at stations and on their way there come in turn."""
     rows = engine.entries("drones")
-    found: dict[int, Standing] = {}
+    standings: dict[int, Standing] = {}
     landings: list[tuple[int, int, int, float, int]] = []
     places = {drone: k for each in engine.state.stations for k, drone in enumerate(each.queue)}
-    for drone, seen in zip(rows, observations, strict=True):
-        if seen.mode in DECIDES:
-            found[drone.index] = _free(ground, drone, seen)
-        elif seen.mode is Mode.RETURNING:
-            lands_us, (x, y), battery_us = _lands(engine, ground, drone, seen)
+    for drone, observation in zip(rows, observations, strict=True):
+        if observation.mode in DECIDES:
+            standings[drone.index] = _free(ground, drone, observation)
+        elif observation.mode is Mode.RETURNING:
+            lands_us, (x, y), charge = _lands(engine, ground, drone, observation)
             station = _station(ground, x, y)
-            landings.append((lands_us, 0, station, battery_us, drone.index))
-        elif seen.mode in IN_QUEUE:
-            battery_us = seen.battery_s * ground.world.only_type.per_second
+            landings.append((lands_us, 0, station, charge, drone.index))
+        elif observation.mode in IN_QUEUE:
+            charge = observation.battery_s * ground.world.only_type.drain_per_s
             station = ground.world.stations.index((drone.x, drone.y))
-            landings.append((-1, places[drone.index], station, battery_us, drone.index))
+            landings.append((-1, places[drone.index], station, charge, drone.index))
         else:
-            found[drone.index] = Standing(NO_WAY, 0, 0)
-    found.update(_charges(ground, sorted(landings)))
-    return tuple(found[k] for k in range(len(rows)))
+            standings[drone.index] = Standing(NO_WAY, 0, 0)
+    standings.update(_charges(ground, sorted(landings)))
+    return tuple(standings[k] for k in range(len(rows)))
 
 
-def _free(ground: Ground, drone: Any, seen: Observation) -> Standing:
+def _free(ground: Ground, drone: Any, observation: Observation) -> Standing:
     """Return the standing of a drone that decides now."""
-    battery_us = ground.unit_us
-    if seen.battery_s is not None:
-        battery_us = round(seen.battery_s * ground.world.only_type.per_second)
+    charge = ground.charge_unit
+    if observation.battery_s is not None:
+        charge = round(observation.battery_s * ground.world.only_type.drain_per_s)
     level = min(drone.level, ground.world.grid.levels(True) - 1)
-    units = min(battery_us // ground.unit_us, ground.full)
+    units = min(charge // ground.charge_unit, ground.full)
     return Standing(0, ground.number(drone.x, drone.y, level), units)
 
 
 def _lands(
-    engine: Engine, ground: Ground, drone: Any, seen: Observation
+    engine: Engine, ground: Ground, drone: Any, observation: Observation
 ) -> tuple[int, tuple[int, int], float]:
     """Return when and where a returning drone will land, and its battery then."""
     world, lands_us = ground.world, 0
@@ -114,7 +114,7 @@ def _lands(
     for dx, dy, up in engine.hops(drone.route, drone.route_end):
         lands_us += world.only_type.return_transits[int(dx), int(dy), int(up)].duration_us
         x, y = x + dx, y + dy
-    left = ((seen.battery_s or 0.0) * 1e6 - lands_us) * (world.only_type.per_second / US)
+    left = ((observation.battery_s or 0.0) * 1e6 - lands_us) * (world.only_type.drain_per_s / US)
     return lands_us, (int(x), int(y)), left
 
 
@@ -128,15 +128,17 @@ def _charges(
     ground: Ground, landings: list[tuple[int, int, int, float, int]]
 ) -> dict[int, Standing]:
     """Return the standings of drones that land, given as (time, place, station, battery, drone)."""
-    world, found = ground.world, {}
+    world, standings = ground.world, {}
     pads = world.scenario.stations.pads
     free_us: list[list[int]] = [[0] * pads for _ in world.stations]
-    for lands_us, _, station, battery_us, drone in landings:
-        takes_us = world.only_type.until_full_us(int(max(battery_us, 0.0)))
+    for lands_us, _, station, charge, drone in landings:
+        takes_us = world.only_type.until_full_us(int(max(charge, 0.0)))
         pad = free_us[station].index(min(free_us[station]))
         begins_us = max(lands_us, free_us[station][pad], 0)
         free_us[station][pad] = begins_us + takes_us
         x, y = world.stations[station]
         begins, ready = begins_us // world.step_us, -(-(begins_us + takes_us) // world.step_us)
-        found[drone] = Standing(max(ready, 1), ground.number(x, y, 0), ground.full, station, begins)
-    return found
+        standings[drone] = Standing(
+            max(ready, 1), ground.number(x, y, 0), ground.full, station, begins
+        )
+    return standings

@@ -14,7 +14,7 @@ from desim_uav.model.state import Observation
 from desim_uav.policies.planning.best_plan import free_steps, plan_of, values_of
 from desim_uav.policies.planning.cover import covered_shares, gains
 from desim_uav.policies.planning.ground import Ground
-from desim_uav.policies.planning.sight import Sight
+from desim_uav.policies.planning.sight import PlanningSight
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -52,14 +52,14 @@ def horizon_of(ground: Ground, habits: Habits) -> int:
     return min(habits.horizon, most)
 
 
-class Team:
+class TeamPlanner:
     """The plans of all drones from one decision epoch on.
 
     ``plans`` (drones, steps, 2) has the action and the place of each drone and step (see
     ``best_plan.plan_of``).
     """
 
-    def __init__(self, ground: Ground, sight: Sight, habits: Habits) -> None:
+    def __init__(self, ground: Ground, sight: PlanningSight, habits: Habits) -> None:
         self.ground, self.sight = ground, sight
         world = ground.world
         self.goes_on = world.scenario.episode.carry_over
@@ -188,10 +188,10 @@ def commands_of(
     masks: Sequence[Sequence[bool]],
 ) -> list[int]:
     """Return the commands for one action of a plan per drone, and what is forced otherwise."""
-    known = [*ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
+    all_actions = [*ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
     commands = []
-    for seen, mask, k in zip(observations, masks, actions.tolist(), strict=True):
-        action = known[k] if k >= 0 and seen.mode in DECIDES else Action.HOVER
+    for observation, mask, k in zip(observations, masks, actions.tolist(), strict=True):
+        action = all_actions[k] if k >= 0 and observation.mode in DECIDES else Action.HOVER
         forced = list(mask).index(True) if sum(mask) == 1 else -1
         commands.append(forced if forced >= 0 else ground.world.actions.index(action))
     return commands

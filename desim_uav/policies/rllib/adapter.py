@@ -116,10 +116,10 @@ class RLlib:
         """Raise PolicyError if the drones of ``world`` have other observations or actions."""
         about = self._file.about
         encoding, of_all = world.scenario.observation, spaces().widest(world)
-        seen = [described(encoding.features(facts)) for facts in (world.facts, of_all)]
+        descriptions = [described(encoding.features(facts)) for facts in (world.facts, of_all)]
         self._require("drones", len(about["agents"]), world.scenario.drone_count)
         self._require("actions", about["actions"], [a.name.lower() for a in world.actions])
-        self._require("observations", about["features"], *seen)
+        self._require("observations", about["features"], *descriptions)
 
     def _require(self, what: str, trained: Any, *here: Any) -> None:
         if trained not in here:
@@ -158,9 +158,9 @@ class RLlib:
         return commands
 
 
-def described(shown: Iterable[Feature]) -> list[list[Any]]:
+def described(columns: Iterable[Feature]) -> list[list[Any]]:
     """Return features as a file describes them: [name, lowest, highest, whether it is whole]."""
-    return [[one.name, float(one.low), float(one.high), one.whole] for one in shown]
+    return [[one.name, float(one.low), float(one.high), one.whole] for one in columns]
 
 
 def spaces() -> Any:

@@ -214,30 +214,30 @@ def _problems(about: Mapping[str, Any], weights: int) -> Iterator[str]:
         yield f"it has {weights:,} weights, which is not the number of its modules' weights"
 
 
-def _wrong(what: str, told: Any, known: Mapping[str, str], settings: Mapping[str, Any]) -> str:
+def _wrong(what: str, about: Any, classes: Mapping[str, str], settings: Mapping[str, Any]) -> str:
     """Return why a class must not be built, or ""."""
-    if not isinstance(told, dict) or not isinstance(told.get("settings"), dict):
+    if not isinstance(about, dict) or not isinstance(about.get("settings"), dict):
         return f"a {what} must be a mapping with class and settings"
-    name = told.get("class")
-    if not isinstance(name, str) or name not in known:
-        return f"its {what} is {in_short(name)}; must be one of {', '.join(known)}"
-    for key, value in told["settings"].items():
+    name = about.get("class")
+    if not isinstance(name, str) or name not in classes:
+        return f"its {what} is {in_short(name)}; must be one of {', '.join(classes)}"
+    for key, value in about["settings"].items():
         if key not in settings[name] or not settings[name][key](value):
             return (
                 f"{name}: {in_short(key)}: {in_short(value, 80)} is not among the allowed settings"
             )
-    if what == "module" and not _are_shapes(told.get("weights")):
+    if what == "module" and not _are_shapes(about.get("weights")):
         return "its weights must be [name, shape]"
     return ""
 
 
-def _are_shapes(told: Any) -> bool:
-    return isinstance(told, list) and all(
+def _are_shapes(shapes: Any) -> bool:
+    return isinstance(shapes, list) and all(
         isinstance(one, list)
         and len(one) == 2
         and isinstance(one[0], str)
         and isinstance(one[1], list)
         and len(one[1]) <= 2
         and all(type(length) is int and length >= 0 for length in one[1])
-        for one in told
+        for one in shapes
     )

@@ -103,9 +103,9 @@ def _bare(batch: dict[str, Any]) -> dict[str, Any]:
     return {**batch, Columns.OBS: batch[Columns.OBS][OBSERVATION]}
 
 
-def _masked(told: dict[str, Any], batch: dict[str, Any]) -> dict[str, Any]:
+def _masked(output: dict[str, Any], batch: dict[str, Any]) -> dict[str, Any]:
     """Return a network's output with the smallest float, not -inf, for masked actions."""
-    logits = told[Columns.ACTION_DIST_INPUTS]
+    logits = output[Columns.ACTION_DIST_INPUTS]
     allowed = batch[Columns.OBS][MASK] > 0
     least = torch.finfo(logits.dtype).min
-    return {**told, Columns.ACTION_DIST_INPUTS: logits.masked_fill(~allowed, least)}
+    return {**output, Columns.ACTION_DIST_INPUTS: logits.masked_fill(~allowed, least)}

@@ -46,18 +46,18 @@ class Network:
         self._agents = [f"drone_{drone}" for drone in range(world.scenario.drone_count)]
         mapping = dict(zip(self._agents, about["agents"], strict=True))
         self._module_of = lambda agent, episode, **_: mapping[agent]
-        shown = observation_space(Feature(*feature) for feature in about["features"])
+        space = observation_space(Feature(*feature) for feature in about["features"])
         actions = len(world.actions)
-        self._dtype = shown.dtype
+        self._dtype = space.dtype
         self._mask_size = actions
         mask = Box(0, 1, (actions,), np.int8)
-        each = Dict({"observation": shown, "action_mask": mask})
+        each = Dict({"observation": space, "action_mask": mask})
         self._observations = Dict(dict.fromkeys(self._agents, each))
         self._actions = Dict({agent: Discrete(actions) for agent in self._agents})
         with _quiet():
             self._to_module, self._to_env = self._pipelines(about)
             self._specs = self._specified(about["modules"])
-        self._weights = {name: told["weights"] for name, told in about["modules"].items()}
+        self._weights = {name: module["weights"] for name, module in about["modules"].items()}
         self._lowest = [[feature[1] for feature in about["features"]]] * len(self._agents)
         self._shared: dict[str, Any] = {}
 
@@ -103,35 +103,39 @@ class Network:
                 explore=False,
                 shared_data=self._shared,
             )
-            told = self._to_env(
+            output = self._to_env(
                 rl_module=self._modules,
                 batch=self._modules.forward_inference(batch),
                 episodes=[self._episode],
                 explore=False,
                 shared_data=self._shared,
             )
-        chosen = told.pop(Columns.ACTIONS)[0]
-        extra = {agent: {column: one[0][agent] for column, one in told.items()} for agent in chosen}
+        actions = output.pop(Columns.ACTIONS)[0]
+        extra = {
+            agent: {column: one[0][agent] for column, one in output.items()} for agent in actions
+        }
         for agent, mask in allowed.items():
-            if not mask[chosen[agent]]:  # of a network that knows no masks: what it would else take
+            if not mask[
+                actions[agent]
+            ]:  # of a network that knows no masks: what it would else take
                 logits = extra[agent][Columns.ACTION_DIST_INPUTS]
-                chosen[agent] = np.where(mask, logits, -np.inf).argmax()
-        self._last = chosen, extra
-        return [int(chosen[agent]) for agent in self._agents]
+                actions[agent] = np.where(mask, logits, -np.inf).argmax()
+        self._last = actions, extra
+        return [int(actions[agent]) for agent in self._agents]
 
     def _go_on(self, rows: dict[str, NDArray[Any]], allowed: dict[str, NDArray[np.int8]]) -> None:
         """Add the present observations to the episode."""
-        seen = {
+        observations = {
             agent: {"observation": rows[agent], "action_mask": allowed[agent]} for agent in rows
         }
         if self._last is None:
-            self._episode.add_env_reset(observations=seen)
+            self._episode.add_env_reset(observations=observations)
             return
         actions, extra = self._last
         self._episode.add_env_step(
-            observations=seen,
+            observations=observations,
             actions=actions,
-            rewards=dict.fromkeys(seen, 0.0),  # nothing that is known here reads them
+            rewards=dict.fromkeys(observations, 0.0),  # nothing that is known here reads them
             terminateds={"__all__": False},
             truncateds={"__all__": False},
             extra_model_outputs=extra,
@@ -139,7 +143,7 @@ class Network:
 
     def _pipelines(self, about: dict[str, Any]) -> tuple[Any, Any]:
         """Return RLlib's pipelines from the environment to the module and back."""
-        pieces = [_connector(told) for told in about["connectors"]]
+        pieces = [_connector(connector) for connector in about["connectors"]]
         config = (
             PPOConfig()
             .multi_agent(policies=set(about["modules"]), policy_mapping_fn=self._module_of)
@@ -150,29 +154,29 @@ class Network:
             config.build_env_to_module_connector(spaces=spaces, device="cpu"),
             config.build_module_to_env_connector(spaces=spaces),
         )
-        found = [pipelines_of(one) for one in both]
-        if found != about["pipelines"]:
-            raise ValueError(f"its pipelines are {about['pipelines']}; RLlib builds {found}")
+        pipelines = [pipelines_of(one) for one in both]
+        if pipelines != about["pipelines"]:
+            raise ValueError(f"its pipelines are {about['pipelines']}; RLlib builds {pipelines}")
         return both
 
-    def _specified(self, told: dict[str, Any]) -> dict[str, RLModuleSpec]:
+    def _specified(self, modules: dict[str, Any]) -> dict[str, RLModuleSpec]:
         """Return the networks to build. Raises ValueError if their weights would not fit."""
-        shown = self._to_module.observation_space
+        spaces = self._to_module.observation_space
         specs = {
             name: RLModuleSpec(
-                module_class=_known(MODULES, told[name]["class"]),
-                observation_space=shown[name],
+                module_class=_class_of(MODULES, modules[name]["class"]),
+                observation_space=spaces[name],
                 action_space=self._actions[self._agents[0]],
                 inference_only=True,
-                model_config=dict(told[name]["settings"]),
+                model_config=dict(modules[name]["settings"]),
                 catalog_class=PPOCatalog,
             )
-            for name in told
+            for name in modules
         }
         for name, spec in specs.items():
             with torch.device("meta"):  # which takes no memory, however large the settings are
-                found = shapes_of(spec.build())
-            if found != told[name]["weights"]:
+                shapes = shapes_of(spec.build())
+            if shapes != modules[name]["weights"]:
                 raise ValueError(f"the weights of {name} do not fit its settings")
         return specs
 
@@ -240,14 +244,14 @@ def _fill_filters(pipeline: Any, statistics: NDArray[np.float64]) -> None:
         piece.set_state({agent: {**state[agent], "running_stats": [running.to_state()]}})
 
 
-def _connector(told: dict[str, Any]) -> Any:
+def _connector(about: dict[str, Any]) -> Any:
     """Return a known connector that no longer updates its statistics."""
-    settings = dict(told["settings"])
-    if told["class"] in ("FlattenObservations", "MeanStdFilter"):
+    settings = dict(about["settings"])
+    if about["class"] in ("FlattenObservations", "MeanStdFilter"):
         settings["multi_agent"] = True
-    if told["class"] == "MeanStdFilter":
+    if about["class"] == "MeanStdFilter":
         settings["update_stats"] = False
-    return _known(CONNECTORS, told["class"])(**settings)
+    return _class_of(CONNECTORS, about["class"])(**settings)
 
 
 @contextmanager
@@ -261,5 +265,5 @@ def _quiet() -> Iterator[None]:
         logging.disable(before)
 
 
-def _known(where: dict[str, str], name: str) -> Any:
+def _class_of(where: dict[str, str], name: str) -> Any:
     return getattr(importlib.import_module(where[name]), name)

@@ -59,7 +59,7 @@ def content_of(algorithm: Any) -> bytes:
     Raises PolicyError, which says why, for an algorithm that could not be rebuilt.
     """
     try:
-        built = importlib.import_module("desim_uav.policies.rllib.network")
+        network = importlib.import_module("desim_uav.policies.rllib.network")
     except ModuleNotFoundError as error:
         raise MissingExtraError("saving a network of RLlib", "rllib") from error
     flown = _flown(algorithm)
@@ -67,7 +67,7 @@ def content_of(algorithm: Any) -> bytes:
     agents = _agents(algorithm, world)
     modules, weights = _modules({name: flown.modules[name] for name in sorted(set(agents))})
     about = {
-        "ray": built.ray_version(),
+        "ray": network.ray_version(),
         "scenario": world.scenario.name,
         "scenario_hash": scenario_hash(seedless(world.scenario)),
         "world_seed": world.scenario.world_seed,
@@ -77,12 +77,12 @@ def content_of(algorithm: Any) -> bytes:
         "agents": agents,
         "modules": modules,
         "connectors": [_connector(piece) for piece in _own(to_module)],
-        "pipelines": [built.pipelines_of(to_module), built.pipelines_of(to_env)],
+        "pipelines": [network.pipelines_of(to_module), network.pipelines_of(to_env)],
     }
-    saved = Saved(about, weights, built.statistics_of(to_module))
+    saved = Saved(about, weights, network.statistics_of(to_module))
     content = saved.to_bytes()
     try:
-        built.Network(about, world).fill(saved)
+        network.Network(about, world).fill(saved)
     except Exception as error:  # RLlib refuses in many ways
         raise PolicyError(f"it cannot be built again: {error}") from error
     return content
@@ -102,14 +102,14 @@ def _flown(algorithm: Any) -> Flown:
 
     The local one has not if there are others. Raises PolicyError if none has.
     """
-    told: list[Flown | None] = algorithm.env_runner_group.foreach_env_runner(_told)
-    for flown in told:
+    facts: list[Flown | None] = algorithm.env_runner_group.foreach_env_runner(_facts_of)
+    for flown in facts:
         if flown is not None:
             return flown
     raise PolicyError("it was not trained on a UavParallelEnv")
 
 
-def _told(runner: Any) -> Flown | None:
+def _facts_of(runner: Any) -> Flown | None:
     """Return the facts that an EnvRunner knows; this runs in the EnvRunner's process."""
     env = getattr(runner.env, "envs", [None])[0]
     session = getattr(getattr(getattr(env, "unwrapped", None), "par_env", None), "session", None)
@@ -131,25 +131,25 @@ def _agents(algorithm: Any, world: World) -> list[str]:
 
 def _modules(modules: dict[str, Any]) -> tuple[dict[str, Any], NDArray[np.float32]]:
     """Return the description of the networks, and their weights in one row."""
-    told, weights = {}, []
+    about, weights = {}, []
     for name, module in modules.items():
-        known, state = _known(module, MODULES), module.get_state(inference_only=True)
+        class_name, state = _class_name_of(module, MODULES), module.get_state(inference_only=True)
         weights += [np.asarray(values, np.float32).ravel() for values in state.values()]
-        told[name] = {
-            "class": known,
+        about[name] = {
+            "class": class_name,
             "settings": _settings(module.model_config),
             "weights": [[key, list(values.shape)] for key, values in state.items()],
         }
-    return told, np.concatenate(weights)
+    return about, np.concatenate(weights)
 
 
 def _settings(config: Any) -> dict[str, Any]:
     """Return the settings that shape a network; those of its first weights no longer matter."""
-    given = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
+    settings = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
     for key in ("lstm_use_prev_action", "lstm_use_prev_reward"):
-        if given.get(key):
+        if settings.get(key):
             raise PolicyError(f"{key}: a policy here receives no rewards")
-    return {key: given[key] for key in SETTINGS if key in given}
+    return {key: settings[key] for key in SETTINGS if key in settings}
 
 
 def _own(pipeline: Any) -> list[Any]:
@@ -158,7 +158,7 @@ def _own(pipeline: Any) -> list[Any]:
 
 
 def _connector(piece: Any) -> dict[str, Any]:
-    name = _known(piece, CONNECTORS)
+    name = _class_name_of(piece, CONNECTORS)
     if getattr(piece, "_keys_to_remove", None) or getattr(piece, "_agent_ids", None):
         raise PolicyError(f"its {name} leaves out keys or agents")
     return {
@@ -167,9 +167,9 @@ def _connector(piece: Any) -> dict[str, Any]:
     }
 
 
-def _known(one: Any, known: dict[str, str]) -> str:
+def _class_name_of(one: Any, module_of: dict[str, str]) -> str:
     """Return the name of an object's class, which must be one of the known classes."""
     name, module = type(one).__name__, type(one).__module__
-    if known.get(name) != module:
-        raise PolicyError(f"{module}.{name} is not one of {', '.join(known)}")
+    if module_of.get(name) != module:
+        raise PolicyError(f"{module}.{name} is not one of {', '.join(module_of)}")
     return name

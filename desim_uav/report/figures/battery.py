@@ -45,20 +45,20 @@ def battery_figure(
     run = opened(run)
     drones, episode = chosen_drones(run, drone), run.episode(episode)
     batteries = {d: run.world.type_of(d).drones.battery for d in drones}
-    held = {d: battery for d, battery in batteries.items() if battery is not None}
-    if not held:
+    limited = {d: battery for d, battery in batteries.items() if battery is not None}
+    if not limited:
         raise PolicyError(f"{run.folder}: its drones have unlimited batteries")
-    if len(held) > MOST_PANELS:
+    if len(limited) > MOST_PANELS:
         raise UsageError(
-            f"{len(held)} drones are too many (at most {MOST_PANELS}); choose one with --drone"
+            f"{len(limited)} drones are too many (at most {MOST_PANELS}); choose one with --drone"
         )
-    figure = Figure(figsize=(width, 0.9 + 1.35 * len(held)))
-    panels = figure.subplots(len(held), 1, sharex=True, squeeze=False)[:, 0]
+    figure = Figure(figsize=(width, 0.9 + 1.35 * len(limited)))
+    panels = figure.subplots(len(limited), 1, sharex=True, squeeze=False)[:, 0]
     playback, modes = Playback(run, episode), set[Mode]()
-    for axes, (number, battery) in zip(panels, held.items(), strict=True):
+    for axes, (number, battery) in zip(panels, limited.items(), strict=True):
         own = run.world.type_of(number)
-        of_second, unit = (own.per_second / WH_UJ, "Wh") if own.in_joules else (1 / 60, "min")
-        full = own.capacity_us * of_second / own.per_second
+        of_second, unit = (own.drain_per_s / WH_UJ, "Wh") if own.in_joules else (1 / 60, "min")
+        full = own.capacity * of_second / own.drain_per_s
         t_s, left_s = playback.batteries[number]
         colour = drone_look(number)["color"]
         axes.plot(t_s / 60, left_s * of_second, "-", color=colour, path_effects=[HALO], zorder=3)

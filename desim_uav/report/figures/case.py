@@ -28,7 +28,7 @@ from desim_uav.report.links import rings_m
 from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run, opened
 
-Places = Sequence[tuple[float, float]]
+Positions = Sequence[tuple[float, float]]
 
 
 @styled
@@ -84,7 +84,7 @@ def _draw_users(axes: Axes, users: pd.DataFrame) -> None:
     axes.plot(homes["x_m"], homes["y_m"], ".", label="user at the start, and walk", **dot)
 
 
-def _ways_m(run: Run, episode: int, minute: float, steps: pd.DataFrame) -> list[Places]:
+def _ways_m(run: Run, episode: int, minute: float, steps: pd.DataFrame) -> list[Positions]:
     """Return the places (x, y) that the path of each drone joins.
 
     They are those at the ends of steps. If drones fly freely, they are those at the ends of legs,
@@ -108,7 +108,7 @@ def _ways_m(run: Run, episode: int, minute: float, steps: pd.DataFrame) -> list[
     ]
 
 
-def _draw_drones(axes: Axes, run: Run, steps: pd.DataFrame, ways_m: list[Places]) -> None:
+def _draw_drones(axes: Axes, run: Run, steps: pd.DataFrame, ways_m: list[Positions]) -> None:
     """Draw the path of each drone, where it is, and its footprint if it serves."""
     for drone, way_m in enumerate(ways_m):
         path = steps[steps["drone"] == drone]

@@ -20,14 +20,14 @@ PANELS = {
 
 
 @styled
-def compare_figure(found: dict[str, Any]) -> Figure:
+def compare_figure(comparison: dict[str, Any]) -> Figure:
     """Draw a row of panels with each policy's mean and interval, and the differences below it.
 
-    ``found`` is the plain content of a comparison: ``policies`` and ``differences``, each with
+    ``comparison`` is the plain content of a comparison: ``policies`` and ``differences``, each with
     ``policy``, ``seeds`` and ``measures`` (n, mean, half_width; None if there is none). From one
     seed the values are drawn without intervals, and the heading says so.
     """
-    policies, differences = found["policies"], found["differences"]
+    policies, differences = comparison["policies"], comparison["differences"]
     names = [row["policy"] for row in policies]
     rows = 2 if differences else 1
     heights = [len(policies) + 0.6, len(differences) + 0.6][:rows]
@@ -44,8 +44,8 @@ def compare_figure(found: dict[str, Any]) -> Figure:
     panels[0][0].set_title("Values of one seed" if of_one_seed(policies) else "Mean over seeds")
     if differences:
         how = " on one seed" if of_one_seed(differences) else ", paired by seed"
-        panels[1][0].set_title(f"Difference from {found['against']}{how}")
-    headed(figure, _title(found))
+        panels[1][0].set_title(f"Difference from {comparison['against']}{how}")
+    headed(figure, _title(comparison))
     return figure
 
 
@@ -68,25 +68,27 @@ def intervals_figure(
     return figure
 
 
-def _title(found: dict[str, Any]) -> str:
-    counts = sorted({len(row["seeds"]) for row in found["policies"]})
+def _title(comparison: dict[str, Any]) -> str:
+    counts = sorted({len(row["seeds"]) for row in comparison["policies"]})
     seeds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    size = f"{found['scenario']}, {seeds} seed(s) of {found['episodes']} episode(s)"
-    return f"{size}: {interval_words(found['policies'])}"
+    size = f"{comparison['scenario']}, {seeds} seed(s) of {comparison['episodes']} episode(s)"
+    return f"{size}: {interval_words(comparison['policies'])}"
 
 
 def _draw(axes: Axes, rows: Sequence[dict[str, Any]], names: Sequence[str], measure: str) -> None:
     """Draw a point and its interval for each policy, from top to bottom."""
     for place, row in enumerate(rows):
-        found, number = row["measures"][measure], names.index(row["policy"])
-        if found["mean"] is None:
+        estimate, number = row["measures"][measure], names.index(row["policy"])
+        if estimate["mean"] is None:
             continue
         dressed: dict[str, Any] = {
             "color": COLOURS[number % len(COLOURS)],
             "marker": marker(number),
         }
-        width = found["half_width"] or None
-        axes.errorbar(found["mean"], place, xerr=width, capsize=3, ls="none", zorder=3, **dressed)
+        width = estimate["half_width"] or None
+        axes.errorbar(
+            estimate["mean"], place, xerr=width, capsize=3, ls="none", zorder=3, **dressed
+        )
     axes.set_yticks(range(len(rows)), [short(row["policy"]) for row in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.margins(x=0.12)

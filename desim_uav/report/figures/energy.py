@@ -16,9 +16,9 @@ from desim_uav.model.energy.battery import in_joules
 from desim_uav.model.motion.limits import CALM
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.rules import US, Action, kind_of
-from desim_uav.report.figures.free_energy import draw_free_legs, draw_per_metre
+from desim_uav.report.figures.straight_legs import draw_free_legs, draw_per_metre
 from desim_uav.report.figures.style import COLOURS, Figure, headed, styled
-from desim_uav.report.free_legs import FreeLegs
+from desim_uav.report.straight_legs import FreeLegs
 from desim_uav.world import World
 
 POINTS = 400
@@ -40,7 +40,7 @@ MOST_ROWS = 8
 """The largest number of rows of panels: two of a type that flies freely, else one."""
 
 
-class Alike(NamedTuple):
+class SameFlights(NamedTuple):
     """Types of drones that have the same motion and battery, by their names and the first one."""
 
     names: tuple[str, ...]
@@ -67,27 +67,27 @@ def energy_figure(world: World, drone: int | None = None) -> Figure:
     one drone. Raises UsageError if no battery has a power over the speed, for an unknown drone, or
     for too many types.
     """
-    shown, others = _types(world, drone)
-    if not shown:
+    flights, others = _types(world, drone)
+    if not flights:
         raise UsageError(
             f"drones.battery: {', '.join(others.values())}: energy is drawn for a battery whose "
             "power follows from the speed, such as {kind: rotary_wing}"
         )
-    rows = [alike.rows for alike in shown]
+    rows = [alike.rows for alike in flights]
     if sum(rows) > MOST_ROWS:
         raise UsageError(
-            f"{len(shown)} types of drones with other flights or batteries are too many for a "
+            f"{len(flights)} types of drones with other flights or batteries are too many for a "
             "picture; choose the type of one drone with --drone"
         )
     figure = Figure(figsize=(WIDTH, ROW * sum(rows)))
     heading = f"Energy of flight. {world.scenario.name}"
-    if len(shown) == 1 and not others:
-        heading += f", {_capacity(shown[0])}"
-        _draw_type(figure, shown[0])
+    if len(flights) == 1 and not others:
+        heading += f", {_capacity(flights[0])}"
+        _draw_type(figure, flights[0])
     else:
         heading += "".join(f"; {name} ({kind}) left out" for name, kind in others.items())
-        parts = figure.subfigures(len(shown), 1, height_ratios=rows, squeeze=False)[:, 0]
-        for part, alike in zip(parts, shown, strict=True):
+        parts = figure.subfigures(len(flights), 1, height_ratios=rows, squeeze=False)[:, 0]
+        for part, alike in zip(parts, flights, strict=True):
             _draw_type(part, alike)
             how = "in free flight" if alike.own.free else "from cell to cell"
             part.suptitle(
@@ -97,7 +97,7 @@ def energy_figure(world: World, drone: int | None = None) -> Figure:
     return figure
 
 
-def _types(world: World, drone: int | None) -> tuple[list[Alike], dict[str, str]]:
+def _types(world: World, drone: int | None) -> tuple[list[SameFlights], dict[str, str]]:
     """Return the types to draw, and the batteries of the others, by name."""
     numbers = range(len(world.types))
     if drone is not None:
@@ -107,7 +107,7 @@ def _types(world: World, drone: int | None) -> tuple[list[Alike], dict[str, str]
                 f"--drone {drone}: {world.scenario.name} has the drones 0 to {count - 1}"
             )
         numbers = range(world.type_numbers[drone], world.type_numbers[drone] + 1)
-    shown: list[Alike] = []
+    flights: list[SameFlights] = []
     others: dict[str, str] = {}
     for number in numbers:
         own, name = world.types[number], world.scenario.type_names[number]
@@ -117,21 +117,21 @@ def _types(world: World, drone: int | None) -> tuple[list[Alike], dict[str, str]
                 "null" if battery is None else getattr(battery, "kind", type(battery).__name__)
             )
             continue
-        for k, (names, first) in enumerate(shown):
+        for k, (names, first) in enumerate(flights):
             if (first.drones.motion, first.drones.battery) == (own.drones.motion, battery):
-                shown[k] = Alike((*names, name), first)
+                flights[k] = SameFlights((*names, name), first)
                 break
         else:
-            shown.append(Alike((name,), own))
-    return shown, others
+            flights.append(SameFlights((name,), own))
+    return flights, others
 
 
-def _capacity(alike: Alike) -> str:
+def _capacity(alike: SameFlights) -> str:
     battery: Any = alike.own.drones.battery
     return f"{battery.capacity_wh:g} Wh"
 
 
-def _draw_type(figure: FigureBase, alike: Alike) -> None:
+def _draw_type(figure: FigureBase, alike: SameFlights) -> None:
     """Draw the panels of a type of drones."""
     own = alike.own
     if own.free:
@@ -206,13 +206,13 @@ def legs_j(own: DroneType) -> dict[str, float]:
     scenario = own.scenario
     step_us, calm = round(scenario.episode.step_s * US), scenario.wind_mps == CALM
     rest = own.rest
-    found = {f"hover, {step_us / US:g} s": energy.drained_us(rest, step_us) / 1e6}
+    energies_j = {f"hover, {step_us / US:g} s": energy.drain_of(rest, step_us) / 1e6}
     for action, flight in own.epoch_transits.items():
         if calm and kind_of(action) in (Action.BACKWARD, Action.LEFT):
             continue  # which take what their opposites take
         rest_us = max(0, step_us - flight.duration_us)
-        used = energy.drained_us(flight, flight.duration_us) + energy.drained_us(rest, rest_us)
-        found[f"{action.name.lower()}, {step_us / US:g} s"] = used / 1e6
+        used = energy.drain_of(flight, flight.duration_us) + energy.drain_of(rest, rest_us)
+        energies_j[f"{action.name.lower()}, {step_us / US:g} s"] = used / 1e6
     names = {(1, 0, 0): "along x", (-1, 0, 0): "along -x", (0, 1, 0): "along y"}
     names |= {(0, -1, 0): "along -y", (0, 0, 1): "up", (0, 0, -1): "down"}
     for hop, name in names.items():
@@ -221,20 +221,20 @@ def legs_j(own: DroneType) -> dict[str, float]:
         flight = own.return_transits[hop]
         if not hop[2] or scenario.three_d:
             seconds = flight.duration_us / US
-            found[f"return {name}, {seconds:.3g} s"] = (
-                energy.drained_us(flight, flight.duration_us) / 1e6
+            energies_j[f"return {name}, {seconds:.3g} s"] = (
+                energy.drain_of(flight, flight.duration_us) / 1e6
             )
-    return found
+    return energies_j
 
 
-def _draw_bars(axes: Axes, found: dict[str, float], label: str) -> None:
+def _draw_bars(axes: Axes, energies_j: dict[str, float], label: str) -> None:
     """Draw energies as bars, with their names."""
-    places = np.arange(len(found))
-    bars = axes.barh(places, [*found.values()], color=CRUISE, height=0.7)
-    axes.bar_label(bars, [f"{joules:,.0f}" for joules in found.values()], padding=3)
-    axes.set_yticks(places, [*found])
+    places = np.arange(len(energies_j))
+    bars = axes.barh(places, [*energies_j.values()], color=CRUISE, height=0.7)
+    axes.bar_label(bars, [f"{joules:,.0f}" for joules in energies_j.values()], padding=3)
+    axes.set_yticks(places, [*energies_j])
     axes.invert_yaxis()
-    axes.set(xlabel=label, xlim=(0.0, 1.2 * max(found.values())))
-    if max(found.values()) >= FIVE_DIGITS:
+    axes.set(xlabel=label, xlim=(0.0, 1.2 * max(energies_j.values())))
+    if max(energies_j.values()) >= FIVE_DIGITS:
         axes.locator_params("x", nbins=4)
     axes.grid(visible=False, axis="y")

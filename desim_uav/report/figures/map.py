@@ -47,9 +47,9 @@ def draw_buildings(axes: Axes, world: dict[str, Any]) -> Any:
     heights = np.array(world["cell_height_m"])
     if not heights.any():
         return None
-    shown = np.ma.masked_equal(heights.T, 0.0)
+    shades = np.ma.masked_equal(heights.T, 0.0)
     extent = (0, width, 0, depth)
-    return axes.imshow(shown, origin="lower", extent=extent, cmap="Greys", vmin=0, alpha=0.75)
+    return axes.imshow(shades, origin="lower", extent=extent, cmap="Greys", vmin=0, alpha=0.75)
 
 
 def draw_clusters(axes: Axes, world: dict[str, Any]) -> None:

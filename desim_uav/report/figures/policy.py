@@ -70,18 +70,18 @@ def policy_figure(
     values = np.concatenate([s.value[s.learned] for s in slices] or [np.zeros(1)])
     low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
     world = world_content(read.world)
-    drawn: Any = None
-    for axes, number, shown in zip(panels, drones, slices, strict=True):
-        shade = np.where(shown.learned, shown.value, np.nan)
-        drawn = draw_field(axes, world, shade, cmap=SHADES, vmin=low, vmax=high)
+    image: Any = None
+    for axes, number, slice_ in zip(panels, drones, slices, strict=True):
+        shade = np.where(slice_.learned, slice_.value, np.nan)
+        image = draw_field(axes, world, shade, cmap=SHADES, vmin=low, vmax=high)
         draw_cells(axes, world)
-        mark_cells(axes, world, shown.built, "building", **BUILT)
-        mark_cells(axes, world, ~shown.learned & ~shown.built, "nothing learned", **NEVER)
+        mark_cells(axes, world, slice_.built, "building", **BUILT)
+        mark_cells(axes, world, ~slice_.learned & ~slice_.built, "nothing learned", **NEVER)
         draw_stations(axes, world, size=150, facecolor="none")
-        _draw_actions(axes, read, shown)
+        _draw_actions(axes, read, slice_)
         axes.set_title(f"drone {number}")
     headed(figure, _title(read, battery_min, level))
-    figure.colorbar(drawn, ax=panels, shrink=0.8, label="value of the best action")
+    figure.colorbar(image, ax=panels, shrink=0.8, label="value of the best action")
     figure.legend(handles=_legend(slices, read), loc="outside lower center", ncols=4)
     return figure
 
@@ -126,21 +126,21 @@ class Reading:
         if here != table.about["actions"] or sizes != self.world.grid.cells:
             raise PolicyError(f"{name}: its states and actions are not those of its scenario")
 
-    def battery_min(self, asked: int | None) -> int | None:
+    def battery_min(self, minutes: int | None) -> int | None:
         """Return the minutes left, by default half of them; None without a battery."""
-        return self._of("battery_min", "--battery-min", asked, lambda size: (size - 1) // 2)
+        return self._of("battery_min", "--battery-min", minutes, lambda size: (size - 1) // 2)
 
-    def level(self, asked: int | None) -> int | None:
+    def level(self, number: int | None) -> int | None:
         """Return the level, by default the lowest; None on a flat map."""
-        return self._of("level", "--level", asked, lambda size: 0)
+        return self._of("level", "--level", number, lambda size: 0)
 
-    def _of(self, feature: str, option: str, asked: int | None, usual: Any) -> int | None:
+    def _of(self, feature: str, option: str, value: int | None, usual: Any) -> int | None:
         size = self.sizes.get(feature)
-        if size is None and asked is not None:
-            raise UsageError(f"{option} {asked}: {self.name} has no {feature} in its states")
-        if size is not None and asked is not None and not 0 <= asked < size:
-            raise UsageError(f"{option} {asked}: {self.name} has 0 to {size - 1}")
-        return None if size is None else usual(size) if asked is None else asked
+        if size is None and value is not None:
+            raise UsageError(f"{option} {value}: {self.name} has no {feature} in its states")
+        if size is not None and value is not None and not 0 <= value < size:
+            raise UsageError(f"{option} {value}: {self.name} has 0 to {size - 1}")
+        return None if size is None else usual(size) if value is None else value
 
     @cached_property
     def _beginning(self) -> NDArray[np.float32]:
@@ -150,15 +150,15 @@ class Reading:
         features = common_features(world.features_of_types)
         tables = load_algorithm(about["algorithm"]).tables
         streams = Streams(about["seed"], Purpose.LEARNER)
-        found = []
+        initial = []
         for drone in range(len(self.table.q)):
             rng = streams.generator(drone)
             each = [
                 initial_q(learning.initial_q, features, world.actions, world.facts_of(drone), rng)
                 for _ in range(tables)
             ]
-            found.append(np.mean(each, axis=0, dtype=np.float32))
-        return np.array(found)
+            initial.append(np.mean(each, axis=0, dtype=np.float32))
+        return np.array(initial)
 
     def slice(self, drone: int, battery_min: int | None, level: int | None) -> Slice:
         """Return what a drone has learned at one level, with this number of minutes left.
@@ -173,22 +173,22 @@ class Reading:
         q, first = (of[drone].reshape(shape)[index] for of in (self.table.q, self._beginning))
         legal = self._legal(drone, battery_min, level)
         best = np.where(legal, q, -np.inf).argmax(axis=2)
-        chosen = best[:, :, None]
+        best_at = best[:, :, None]
         changed = q != first
         return Slice(
             best,
-            np.take_along_axis(q, chosen, 2)[:, :, 0].astype(float),
+            np.take_along_axis(q, best_at, 2)[:, :, 0].astype(float),
             changed.any(axis=2),
-            np.take_along_axis(changed, chosen, 2)[:, :, 0],
+            np.take_along_axis(changed, best_at, 2)[:, :, 0],
             self.world.grid.blocked[level or 0],
         )
 
     def _legal(self, drone: int, battery_min: int | None, level: int | None) -> NDArray[np.bool_]:
         """Return (nx, ny, actions): the actions that are allowed in flight."""
         world, own = self.world, self.world.type_of(drone)
-        battery_us = None if battery_min is None else battery_min * 60 * own.per_second
-        may_return = battery_us is not None and battery_us <= own.return_below_us
-        full = battery_us is None or battery_us >= own.full_us
+        charge = None if battery_min is None else battery_min * 60 * own.drain_per_s
+        may_return = charge is not None and charge <= own.return_charge
+        full = charge is None or charge >= own.full
         elsewhere = mask(world.actions, Mode.FLYING, may_return, False)
         legal = np.tile(np.array(elsewhere), (*world.grid.cells, 1))
         if not full and not level:
@@ -197,17 +197,17 @@ class Reading:
         return legal
 
 
-def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
+def _draw_actions(axes: Axes, read: Reading, slice_: Slice) -> None:
     """Draw an arrow for a move and a symbol for other actions, in vermillion if not learned.
 
     If commands choose a cruise speed, the number at an arrow is that of the speed, from 1 on.
     """
     grid = read.world.grid
-    cells = np.argwhere(shown.learned & ~shown.built)
+    cells = np.argwhere(slice_.learned & ~slice_.built)
     by_action: dict[Choice, list[tuple[float, float, str]]] = {}
     for ix, iy in cells.tolist():
-        colour = INK if shown.tried[ix, iy] else UNTRIED
-        at = by_action.setdefault(read.world.actions[shown.action[ix, iy]], [])
+        colour = INK if slice_.tried[ix, iy] else UNTRIED
+        at = by_action.setdefault(read.world.actions[slice_.action[ix, iy]], [])
         at.append((*grid.centre(ix, iy), colour))
     size = min(1.0, 10 / max(grid.cells))
     for action, places in by_action.items():

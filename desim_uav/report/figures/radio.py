@@ -71,28 +71,28 @@ def radio_figure(
 
     Raises UsageError if links have no level, and for a level or a place that the map does not have.
     """
-    shown = Shown(world, _radio(world), _altitude_m(world, level), _place_m(world, at_m))
+    radio = RadioView(world, _radio(world), _altitude_m(world, level), _place_m(world, at_m))
     figure = Figure(figsize=(10.4, 6.4))
     grid = figure.add_gridspec(3, 2, width_ratios=(1.12, 1.0), height_ratios=(1.0, 1.0, 2.1))
     above, rate = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
     steps = figure.add_subplot(grid[1, 1], sharex=rate)
     side = figure.add_subplot(grid[2, 1], sharex=rate)
-    seen = _draw_map(above, shown)
-    _draw_steps(rate, shown, shown.rates_mbit_s, "rate, Mbit/s")
-    _draw_steps(steps, shown, range(len(shown.rates_mbit_s)), "class", whole=True)
-    _draw_side(side, shown)
+    image = _draw_map(above, radio)
+    _draw_steps(rate, radio, radio.rates_mbit_s, "rate, Mbit/s")
+    _draw_steps(steps, radio, range(len(radio.rates_mbit_s)), "class", whole=True)
+    _draw_side(side, radio)
     for axes in (rate, steps):
         axes.tick_params(labelbottom=False)
-    rate.set_title(f"To users on the ground, with a drone at {shown.altitude_m:g} m")
+    rate.set_title(f"To users on the ground, with a drone at {radio.altitude_m:g} m")
     bar: dict[str, Any] = {"location": "bottom", "extend": "max", "aspect": 50, "shrink": 0.7}
-    figure.colorbar(seen, ax=(above, side), label="received level, dBm", **bar)
-    headed(figure, shown.heading)
-    figure.legend(handles=_legend(shown), loc="outside lower center", ncols=5)
+    figure.colorbar(image, ax=(above, side), label="received level, dBm", **bar)
+    headed(figure, radio.heading)
+    figure.legend(handles=_legend(radio), loc="outside lower center", ncols=5)
     return figure
 
 
 @dataclass(frozen=True)
-class Shown:
+class RadioView:
     """A drone at a place of a world, and the levels and classes of its links."""
 
     world: World
@@ -169,8 +169,8 @@ class Shown:
         self, distances_m: NDArray[np.float64], heights_m: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         places = zip(distances_m.ravel().tolist(), heights_m.ravel().tolist(), strict=True)
-        found = [self._level_dbm(*place) for place in places]
-        return np.array(found).reshape(distances_m.shape)
+        levels_dbm = [self._level_dbm(*place) for place in places]
+        return np.array(levels_dbm).reshape(distances_m.shape)
 
     def _level_dbm(self, distance_m: float, height_m: float) -> float:
         """Return the mean level, or NaN where the path loss is not defined."""
@@ -188,7 +188,7 @@ class Shown:
         radio = self.radio
         loss = described(radio.path_loss)
         numbers = {k: f"{v:g}" if isinstance(v, float) else v for k, v in loss.items()}
-        given = ", ".join(f"{key} {v}" for key, v in numbers.items() if key != "kind")
+        parameters = ", ".join(f"{key} {v}" for key, v in numbers.items() if key != "kind")
         left_out = ["interference"] if radio.reuse else []
         left_out += ["drawn line of sight"] if radio.line_of_sight == "drawn" else []
         left_out += ["line of sight between buildings"] if radio.sight == "buildings" else []
@@ -196,7 +196,7 @@ class Shown:
         lines = [
             f"{self.world.scenario.name}: {radio.power_dbm:g} dBm, {radio.bandwidth_mhz:g} MHz at "
             f"{radio.carrier_ghz:g} GHz",
-            f"mean loss of {loss['kind']}" + (f" ({given})" if given else ""),
+            f"mean loss of {loss['kind']}" + (f" ({parameters})" if parameters else ""),
         ]
         lines += [f"left out: {', '.join(left_out)}"] if left_out else []
         return "\n".join(in_short(line, MOST_TEXT) for line in lines)
@@ -240,15 +240,15 @@ def _place_m(world: World, at_m: tuple[float, float] | None) -> tuple[float, flo
 # ---- the panels
 
 
-def _draw_map(axes: Axes, shown: Shown) -> Any:
+def _draw_map(axes: Axes, radio: RadioView) -> Any:
     """Draw the map from above; return the image of the levels."""
-    (x_m, y_m), (width_m, depth_m) = shown.at_m, shown.world.area
-    xs, ys, dbm = shown.map_dbm
-    image = _draw_levels(axes, xs, ys, dbm, shown)
-    for number, radius_m in enumerate(shown.rings_m, 1):
+    (x_m, y_m), (width_m, depth_m) = radio.at_m, radio.world.area
+    xs, ys, dbm = radio.map_dbm
+    image = _draw_levels(axes, xs, ys, dbm, radio)
+    for number, radius_m in enumerate(radio.rings_m, 1):
         line = {"edgecolor": INK, "linewidth": _width(number), "fill": False}
         axes.add_patch(Circle((x_m, y_m), max(radius_m, 0.0), **line))
-    for point in shown.world.scenario.access_points:
+    for point in radio.world.scenario.access_points:
         axes.plot(*point.at_m, **MAST, zorder=5)
     axes.plot(x_m, y_m, **DRONE, zorder=6)
     corners = [(x, y) for x in (0.0, width_m) for y in (depth_m, 0.0)]
@@ -256,53 +256,53 @@ def _draw_map(axes: Axes, shown: Shown) -> Any:
     length_m = hypot(far[0] - x_m, far[1] - y_m)
     ray = ((far[0] - x_m) / length_m, (far[1] - y_m) / length_m)
     gap_m = 0.045 * max(width_m, depth_m)
-    within = [(number, r) for number, r in enumerate(shown.rings_m, 1) if r < length_m - gap_m]
+    within = [(number, r) for number, r in enumerate(radio.rings_m, 1) if r < length_m - gap_m]
     for number, radius_m in _apart(within, gap_m):
         _write_class(axes, number, x_m + radius_m * ray[0], y_m + radius_m * ray[1])
     axes.set(xlim=(0, width_m), ylim=(0, depth_m), aspect="equal", xlabel="x, m", ylabel="y, m")
-    title = f"From above, with a drone at {shown.altitude_m:g} m"
-    if shown.class_at(0.0) == shown.class_at(length_m):
-        title += f": class {shown.class_at(0.0)} everywhere"
+    title = f"From above, with a drone at {radio.altitude_m:g} m"
+    if radio.class_at(0.0) == radio.class_at(length_m):
+        title += f": class {radio.class_at(0.0)} everywhere"
     axes.set_title(title)
     _frame(axes)
     return image
 
 
 def _draw_steps(
-    axes: Axes, shown: Shown, values: Sequence[float], label: str, whole: bool = False
+    axes: Axes, radio: RadioView, values: Sequence[float], label: str, whole: bool = False
 ) -> None:
     """Draw a value of each class, from class 0 on, over the distance; it may be ``whole``."""
-    scale, _ = shown.unit
-    radii_m = [radius for radius in reversed(shown.rings_m) if radius > 0.0]
-    edges = np.array([0.0, *radii_m, shown.farthest_m]) / scale
+    scale, _ = radio.unit
+    radii_m = [radius for radius in reversed(radio.rings_m) if radius > 0.0]
+    edges = np.array([0.0, *radii_m, radio.farthest_m]) / scale
     axes.stairs(values[: len(radii_m) + 1][::-1], edges, color=INK, linewidth=1.6)
     axes.set(ylabel=label, ylim=(0, 1.06 * values[-1]), xlim=(0, edges[-1]))
     axes.yaxis.set_major_locator(MaxNLocator(4, integer=whole))
 
 
-def _draw_side(axes: Axes, shown: Shown) -> None:
+def _draw_side(axes: Axes, radio: RadioView) -> None:
     """Draw the levels over distance and height."""
-    scale, unit = shown.unit
-    distances_m, heights_m, dbm = shown.side_dbm
-    _draw_levels(axes, distances_m / scale, heights_m, dbm, shown)
-    for number, threshold in enumerate(shown.thresholds_dbm, 1):
+    scale, unit = radio.unit
+    distances_m, heights_m, dbm = radio.side_dbm
+    _draw_levels(axes, distances_m / scale, heights_m, dbm, radio)
+    for number, threshold in enumerate(radio.thresholds_dbm, 1):
         if np.nanmin(dbm) < threshold < np.nanmax(dbm):
             line: dict[str, Any] = {"colors": INK, "linewidths": _width(number), "linestyles": "-"}
             axes.contour(distances_m / scale, heights_m, dbm, levels=[threshold], **line)
-    axes.axhline(shown.altitude_m, color=INK, ls="--", linewidth=1.0)
+    axes.axhline(radio.altitude_m, color=INK, ls="--", linewidth=1.0)
     top_m = heights_m[-1] + heights_m[0]
     defined = np.flatnonzero(np.isfinite(dbm).all(axis=1) & (heights_m < WRITTEN * top_m))
     if len(defined):
         row = dbm[defined[-1]]
         crossed = [
             (number, float(np.interp(-threshold, -row, distances_m)))
-            for number, threshold in enumerate(shown.thresholds_dbm, 1)
+            for number, threshold in enumerate(radio.thresholds_dbm, 1)
             if row.min() < threshold < row.max()
         ]
-        for number, distance_m in _apart(crossed, 0.05 * shown.farthest_m):
+        for number, distance_m in _apart(crossed, 0.05 * radio.farthest_m):
             _write_class(axes, number, distance_m / scale, heights_m[defined[-1]])
     axes.set(xlabel=f"horizontal distance, {unit}", ylabel="height above the user, m")
-    axes.set(ylim=(0, top_m), xlim=(0, shown.farthest_m / scale))
+    axes.set(ylim=(0, top_m), xlim=(0, radio.farthest_m / scale))
     axes.set_title("By distance and height")
     _frame(axes)
 
@@ -312,13 +312,13 @@ def _draw_levels(
     xs: NDArray[np.float64],
     ys: NDArray[np.float64],
     dbm: NDArray[np.float64],
-    shown: Shown,
+    radio: RadioView,
 ) -> Any:
     """Draw levels (y, x) as shades; return the image."""
     half_x, half_y = (xs[1] - xs[0]) / 2, (ys[1] - ys[0]) / 2
     extent = (xs[0] - half_x, xs[-1] + half_x, ys[0] - half_y, ys[-1] + half_y)
     levels = np.ma.masked_invalid(dbm)
-    return axes.imshow(levels, origin="lower", extent=extent, **shown.shade)
+    return axes.imshow(levels, origin="lower", extent=extent, **radio.shade)
 
 
 def _width(number: int) -> float:
@@ -328,11 +328,11 @@ def _width(number: int) -> float:
 
 def _apart(places: Iterable[tuple[int, float]], gap: float) -> list[tuple[int, float]]:
     """Return the classes whose lines are far enough from those already chosen, the lowest first."""
-    chosen: list[tuple[int, float]] = []
+    lines: list[tuple[int, float]] = []
     for number, place in places:
-        if place > gap and (not chosen or chosen[-1][1] - place >= gap):
-            chosen.append((number, place))
-    return chosen
+        if place > gap and (not lines or lines[-1][1] - place >= gap):
+            lines.append((number, place))
+    return lines
 
 
 def _write_class(axes: Axes, number: int, x: float, y: float) -> None:
@@ -348,13 +348,13 @@ def _frame(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(True)
 
 
-def _legend(shown: Shown) -> list[Any]:
+def _legend(radio: RadioView) -> list[Any]:
     """Return the entries of the legend."""
     entries = [Line2D([], [], **DRONE)]
-    if shown.world.scenario.access_points:
+    if radio.world.scenario.access_points:
         entries.append(Line2D([], [], **MAST))
     lines = [("-", EDGE, "edge of class 1: no link beyond")]
-    lines += [("-", INNER, "edge of a higher class")] if len(shown.thresholds_dbm) > 1 else []
+    lines += [("-", INNER, "edge of a higher class")] if len(radio.thresholds_dbm) > 1 else []
     lines += [("--", 1.0, "altitude of the drone")]
     entries += [Line2D([], [], color=INK, ls=ls, lw=lw, label=label) for ls, lw, label in lines]
     return entries

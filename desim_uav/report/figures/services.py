@@ -97,8 +97,8 @@ def _draw_outcomes(axes: Axes, requests: pd.DataFrame, services: list[str]) -> N
 
 def _draw_shares(axes: Axes, values: list[pd.Series], services: list[str]) -> None:
     """Draw empirical distribution functions, in percent."""
-    for number, (held, service) in enumerate(zip(values, services, strict=True)):
-        at = np.sort(held.to_numpy())
+    for number, (shares, service) in enumerate(zip(values, services, strict=True)):
+        at = np.sort(shares.to_numpy())
         share = 100 * np.arange(1, len(at) + 1) / len(at)
         axes.step([at[0], *at], [0, *share], where="post", label=service, **look(number))
     axes.set_ylim(0, 102)

@@ -73,8 +73,8 @@ def snapshot_figure(
     _draw_zones(axes, run.world)
     _draw_buildings(axes, world)
     _draw_drones(axes, playback, moment)
-    for drawn in (*axes.lines, *axes.collections):
-        drawn.set_clip_on(False)  # the axes are narrower than the map that they show
+    for artist in (*axes.lines, *axes.collections):
+        artist.set_clip_on(False)  # the axes are narrower than the map that they show
     figure.suptitle(
         f"{run.name}, episode {episode}, minute {t_us / US / 60:g}", y=0.985, fontsize=9.5
     )
@@ -126,9 +126,9 @@ def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
 def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
     (width, depth), (nx, ny) = world["size_m"], world["cells"]
     heights = np.array(world["cell_height_m"], dtype=float)
-    built = np.argwhere(heights > 0)
+    cells = np.argwhere(heights > 0)
     # From the back to the front, so that nearer buildings cover those behind them.
-    order = sorted(built.tolist(), key=lambda cell: cell[0] - nx * 1.7 * cell[1] / ny)
+    order = sorted(cells.tolist(), key=lambda cell: cell[0] - nx * 1.7 * cell[1] / ny)
     dx, dy = width / nx, depth / ny
     for k, (ix, iy) in enumerate(order):
         axes.bar3d(

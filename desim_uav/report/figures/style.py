@@ -61,13 +61,13 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     """Make a function draw in the common style, independent of the user's own settings."""
 
     @wraps(draw)
-    def drawn(*args: P.args, **kwargs: P.kwargs) -> T:
+    def in_style(*args: P.args, **kwargs: P.kwargs) -> T:
         with mpl.rc_context():
             mpl.rcdefaults()
             mpl.rcParams.update(mpl.rc_params_from_file(STYLE, use_default_template=False))
             return draw(*args, **kwargs)
 
-    return drawn
+    return in_style
 
 
 def ending(out: Path, option: str = "--out") -> str:
@@ -98,7 +98,7 @@ def as_text(svg: bytes) -> str:
     """
     text = visible(svg.decode())
     numbers = {name: f"i{k}" for k, name in enumerate(dict.fromkeys(IDENTIFIER.findall(text)))}
-    return REFERENCE.sub(lambda found: found[1] + numbers.get(found[2], found[2]), text)
+    return REFERENCE.sub(lambda match: match[1] + numbers.get(match[2], match[2]), text)
 
 
 def headed(figure: Figure, text: str) -> None:

@@ -30,18 +30,18 @@ Content = dict[str, Any]
 
 
 @styled
-def sweep_figure(found: Content, measures: Sequence[str]) -> Figure:
+def sweep_figure(content: Content, measures: Sequence[str]) -> Figure:
     """Draw measures of a sweep over one or two keys: means over seeds, with their intervals.
 
-    ``found`` has ``scenario``, ``episodes``, ``keys`` (one or two, each with its values), ``held``
-    (keys at one value), ``policies`` and ``estimates``: rows with a value of each key, ``policy``
-    and ``measures`` (n, mean, half_width). One key gives a panel per measure and a line per
-    policy. Two keys give a row of panels per policy: heat maps if both keys are numbers with at
-    least three values, else a line per value of the second key. Raises UsageError for too many
+    ``content`` has ``scenario``, ``episodes``, ``keys`` (one or two, each with its values),
+    ``held`` (keys at one value), ``policies`` and ``estimates``: rows with a value of each key,
+    ``policy`` and ``measures`` (n, mean, half_width). One key gives a panel per measure and a line
+    per policy. Two keys give a row of panels per policy: heat maps if both keys are numbers with
+    at least three values, else a line per value of the second key. Raises UsageError for too many
     panels or lines.
     """
-    heat = len(found["keys"]) == 2 and all(map(_is_scale, found["keys"].values()))
-    rows = found["policies"] if len(found["keys"]) == 2 else [None]
+    heat = len(content["keys"]) == 2 and all(map(_is_scale, content["keys"].values()))
+    rows = content["policies"] if len(content["keys"]) == 2 else [None]
     if len(rows) * len(measures) > MOST_PANELS:
         raise UsageError(
             f"{len(rows) * len(measures)} panels are too many (at most {MOST_PANELS}); choose "
@@ -53,30 +53,30 @@ def sweep_figure(found: Content, measures: Sequence[str]) -> Figure:
     for across, policies in zip(panels, rows, strict=True):
         for axes, measure in zip(across, measures, strict=True):
             if heat:
-                _draw_heat(figure, axes, found, measure, policies)
+                _draw_heat(figure, axes, content, measure, policies)
             else:
-                _draw_lines(axes, found, measure, policies)
+                _draw_lines(axes, content, measure, policies)
             label = LOOKS[measure][0].replace(" %", ", %").replace(" steps", ", steps")
             axes.set_title(label if policies is None else f"{short(policies)}: {label}")
     if not heat:
         handles, names = panels[0][0].get_legend_handles_labels()
-        title = "policy" if len(found["keys"]) == 1 else short([*found["keys"]][1])
+        title = "policy" if len(content["keys"]) == 1 else short([*content["keys"]][1])
         columns = min(len(names), 3 * len(measures))
         figure.legend(handles, names, loc="outside lower center", ncols=columns, title=title)
-    headed(figure, "\n".join(_heading(found, heat)))
+    headed(figure, "\n".join(_heading(content, heat)))
     return figure
 
 
-def _heading(found: Content, heat: bool) -> Iterator[str]:
-    counts = sorted({of["n"] for row in found["estimates"] for of in row["measures"].values()})
+def _heading(content: Content, heat: bool) -> Iterator[str]:
+    counts = sorted({of["n"] for row in content["estimates"] for of in row["measures"].values()})
     counts = [count for count in counts if count] or [0]
     seeds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    size = f"{short(found['scenario'])}, {seeds} seed(s) of {found['episodes']} episode(s)"
-    words = interval_words(found["estimates"])
-    half_widths = heat and have_interval(found["estimates"])
+    size = f"{short(content['scenario'])}, {seeds} seed(s) of {content['episodes']} episode(s)"
+    words = interval_words(content["estimates"])
+    half_widths = heat and have_interval(content["estimates"])
     yield f"{size}: {f'means ± half-widths of {words}' if half_widths else words}"
-    if found["held"]:
-        yield ", ".join(f"{short(key)} = {short(value)}" for key, value in found["held"].items())
+    if content["held"]:
+        yield ", ".join(f"{short(key)} = {short(value)}" for key, value in content["held"].items())
 
 
 def _is_number(value: Any) -> bool:
@@ -95,11 +95,11 @@ def _word(value: Any) -> str:
     return short(f"{value:g}" if isinstance(value, float) else str(value))
 
 
-def _draw_lines(axes: Axes, found: Content, measure: str, policy: str | None) -> None:
+def _draw_lines(axes: Axes, content: Content, measure: str, policy: str | None) -> None:
     """Draw a line with intervals per policy, or for one policy per value of the second key."""
-    first, *second = found["keys"]
-    values = found["keys"][first]
-    series = found["keys"][second[0]] if second else found["policies"]
+    first, *second = content["keys"]
+    values = content["keys"][first]
+    series = content["keys"][second[0]] if second else content["policies"]
     if len(series) > MOST_LINES:
         many = f"{len(series)} values of {second[0]}" if second else f"{len(series)} policies"
         raise UsageError(f"{many}, and a panel shows at most {MOST_LINES} lines; choose with --key")
@@ -109,7 +109,7 @@ def _draw_lines(axes: Axes, found: Content, measure: str, policy: str | None) ->
     for number, of in enumerate(series):
         rows = {
             row[first]: row["measures"][measure]
-            for row in found["estimates"]
+            for row in content["estimates"]
             if (row[second[0]] == of and row["policy"] == policy if second else row["policy"] == of)
         }
         there = [k for k, v in enumerate(values) if v in rows and rows[v]["mean"] is not None]
@@ -119,12 +119,14 @@ def _draw_lines(axes: Axes, found: Content, measure: str, policy: str | None) ->
             dressed["linestyle"] = "none"
         at = places[there] + APART * span * (number - (len(series) - 1) / 2)
         axes.plot(at, [p["mean"] for p in points], label=_word(of), **dressed)
-        drawn = [k for k, p in enumerate(points) if p["half_width"]]
-        if drawn:
-            means = [points[k]["mean"] for k in drawn]
-            wide = [points[k]["half_width"] for k in drawn]
+        with_interval = [k for k, p in enumerate(points) if p["half_width"]]
+        if with_interval:
+            means = [points[k]["mean"] for k in with_interval]
+            wide = [points[k]["half_width"] for k in with_interval]
             colour = dressed["color"]
-            axes.errorbar(at[drawn], means, wide, ls="none", capsize=3, color=colour, lw=1.1)
+            axes.errorbar(
+                at[with_interval], means, wide, ls="none", capsize=3, color=colour, lw=1.1
+            )
     if not numbers:
         axes.set_xticks(places, [_word(value) for value in values])
         axes.set_xlim(-0.5, len(values) - 0.5)
@@ -133,18 +135,18 @@ def _draw_lines(axes: Axes, found: Content, measure: str, policy: str | None) ->
     axes.set_xlabel(short(first))
 
 
-def _draw_heat(figure: Figure, axes: Axes, found: Content, measure: str, policy: str) -> None:
+def _draw_heat(figure: Figure, axes: Axes, content: Content, measure: str, policy: str) -> None:
     """Draw the means of a policy as shades, with the numbers where there is room."""
-    (across, columns), (up, rows) = found["keys"].items()
+    (across, columns), (up, rows) = content["keys"].items()
     means = np.full((len(rows), len(columns)), np.nan)
     estimates = {
         (row[up], row[across]): row["measures"][measure]
-        for row in found["estimates"]
+        for row in content["estimates"]
         if row["policy"] == policy and row["measures"][measure]["mean"] is not None
     }
     for (y, x), of in estimates.items():
         means[rows.index(y), columns.index(x)] = of["mean"]
-    every = [row["measures"][measure]["mean"] for row in found["estimates"]]
+    every = [row["measures"][measure]["mean"] for row in content["estimates"]]
     every = [mean for mean in every if mean is not None] or [0.0]
     image = axes.imshow(
         means, cmap=SHADES, vmin=min(every), vmax=max(every), origin="lower", aspect="auto"

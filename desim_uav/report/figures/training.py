@@ -42,7 +42,7 @@ class Manifest(Form):
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainedCurves:
     """The content of a training folder; ``settings`` are the scenario without its seeds."""
 
     folder: Path
@@ -67,7 +67,7 @@ def training_figure(folders: Sequence[Path], window: int | None = None) -> Figur
     window = max(1, shortest // WINDOWS) if window is None else window
     if window > shortest:
         raise UsageError(f"--window {window}: there are {shortest} episodes")
-    by_algorithm: dict[str, list[Trained]] = {}
+    by_algorithm: dict[str, list[TrainedCurves]] = {}
     for training in trainings:
         by_algorithm.setdefault(training.algorithm, []).append(training)
 
@@ -83,7 +83,7 @@ def training_figure(folders: Sequence[Path], window: int | None = None) -> Figur
             axes.set_ylim(0, top)
         axes.set_xlabel("episode")
         axes.tick_params(labelbottom=True)
-    _explain(panels[-1], panels[0], window, [len(found) for found in by_algorithm.values()])
+    _explain(panels[-1], panels[0], window, [len(curves) for curves in by_algorithm.values()])
     headed(figure, f"Training. {trainings[0].settings['name']}")
     return figure
 
@@ -100,7 +100,7 @@ def smoothed(curves: Sequence[pd.Series], window: int) -> tuple[NDArray[Any], ..
 
 
 def _draw(
-    axes: Axes, trainings: list[Trained], name: str, window: int, number: int, label: str
+    axes: Axes, trainings: list[TrainedCurves], name: str, window: int, number: int, label: str
 ) -> None:
     episodes, mean, deviation = smoothed([t.curves[name] for t in trainings], window)
     dressed = look(number)
@@ -110,26 +110,26 @@ def _draw(
     axes.plot(episodes, mean, label=label, **dressed)
 
 
-def _explain(axes: Axes, drawn: Axes, window: int, seeds: Sequence[int]) -> None:
+def _explain(axes: Axes, panel: Axes, window: int, seeds: Sequence[int]) -> None:
     """Write the legend into the last panel; ``seeds`` has the number of seeds of each curve."""
     axes.set_axis_off()
     title = f"running means over {window} episode(s)"
     title += "\nbands: ± 1 standard deviation over seeds" if max(seeds) > 1 else ""
     title += "\none seed allows no band" if min(seeds) == 1 else ""
-    handles, names = drawn.get_legend_handles_labels()
+    handles, names = panel.get_legend_handles_labels()
     legend = axes.legend(handles, names, loc="center", title=title, fontsize=9, title_fontsize=8)
     legend.set_alignment("left")
 
 
-def read_training(folder: Path) -> Trained:
+def read_training(folder: Path) -> TrainedCurves:
     """Read a training folder. Raises PolicyError if it is not one or has not ended."""
     if not folder.is_dir():
         raise no_such(folder, "training folder")
     if not (folder / "training.parquet").exists():
-        known = (folder / "checkpoint.npz").exists()
+        has_checkpoint = (folder / "checkpoint.npz").exists()
         raise PolicyError(
             f"{folder}: the training has not ended; continue it with --resume"
-            if known
+            if has_checkpoint
             else f"{folder}: not a training folder: it has no training.parquet"
         )
     table = read_table(folder, "training", TRAINING)
@@ -140,16 +140,16 @@ def read_training(folder: Path) -> Trained:
     settings = {key: value for key, value in plain.items() if key not in ("seed", "world_seed")}
     curves = table.groupby("episode")[list(CURVES)].mean().reset_index(drop=True)
     seeds = manifest["seed"], manifest["world_seed"]
-    return Trained(folder, manifest["algorithm"], seeds, settings, curves)
+    return TrainedCurves(folder, manifest["algorithm"], seeds, settings, curves)
 
 
-def check_alike(trainings: Sequence[Trained]) -> None:
+def check_alike(trainings: Sequence[TrainedCurves]) -> None:
     """Raise PolicyError unless trainings have the same scenario and differ in algorithm or seeds.
 
     Trainings of the same algorithm must also have the same learning parameters.
     """
     first = trainings[0]
-    by_algorithm: dict[str, Trained] = {}
+    by_algorithm: dict[str, TrainedCurves] = {}
     of_seed: dict[tuple[str, tuple[int, int]], Path] = {}
     for training in trainings:
         _compare(training, first, ("learning", "name"))
@@ -163,7 +163,7 @@ def check_alike(trainings: Sequence[Trained]) -> None:
             )
 
 
-def _compare(one: Trained, other: Trained, but: tuple[str, ...]) -> None:
+def _compare(one: TrainedCurves, other: TrainedCurves, but: tuple[str, ...]) -> None:
     for key, value in one.settings.items():
         if key not in but and value != other.settings.get(key):
             raise PolicyError(

@@ -40,10 +40,10 @@ def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None
     world = run.map
     figure, panels = grid_of(len(drones), width=3.3, height=3.1)
     top = max(minutes[drones].max(), 1e-9)
-    drawn: Any = None
+    image: Any = None
     for axes, number in zip(panels, drones, strict=True):
-        shown = np.where(minutes[number] > 0, minutes[number], np.nan)
-        drawn = draw_field(axes, world, shown, cmap="YlGnBu", vmin=0, vmax=top)
+        shades = np.where(minutes[number] > 0, minutes[number], np.nan)
+        image = draw_field(axes, world, shades, cmap="YlGnBu", vmin=0, vmax=top)
         draw_cells(axes, world)
         built = np.array(world["cell_height_m"]) > 0
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.55", "linewidth": 0.4}
@@ -53,7 +53,7 @@ def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None
         axes.set_title(f"{run.drone_name(number)}: {minutes[number].sum():.1f} min")
     which = f"episode {episode}" if episode is not None else f"mean of {len(episodes)} episode(s)"
     headed(figure, f"Serving flight. {run.name}, {which}")
-    figure.colorbar(drawn, ax=panels, shrink=0.8, label="serving flight, min per episode")
+    figure.colorbar(image, ax=panels, shrink=0.8, label="serving flight, min per episode")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 

@@ -58,8 +58,8 @@ class Checks:
 
         ``words`` are names, which are numbered in their order, or members of an enumeration.
         """
-        told = words if isinstance(words, list) else [word.name.lower() for word in words]
-        code = frame[name].map({word: number for number, word in enumerate(told)})
+        names = words if isinstance(words, list) else [word.name.lower() for word in words]
+        code = frame[name].map({word: number for number, word in enumerate(names)})
         if none is not None:
             code = code.where(frame[name].notna(), none)
         unknown = frame[name][code.isna()]

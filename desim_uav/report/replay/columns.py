@@ -63,13 +63,13 @@ def pack(columns: Mapping[str, Column]) -> bytes:
 def unpack(block: bytes) -> dict[str, NDArray[np.float64]]:
     """Return the columns of a block, as a page reads them."""
     head, _, rest = zlib.decompress(block).partition(b"\n")
-    found, at = {}, 0
+    columns, at = {}, 0
     for name, coding, count, size, scale in json.loads(head):
         values = _read(coding, rest[at : at + size])
         assert len(values) == count
-        found[name] = values * scale
+        columns[name] = values * scale
         at += size
-    return found
+    return columns
 
 
 def varints(values: NDArray[np.int64]) -> bytes:

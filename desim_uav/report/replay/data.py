@@ -10,7 +10,7 @@ import numpy as np
 
 from desim_uav.model.rules import GROUNDED, US, Action, AtSpeed, Mode, Phase
 from desim_uav.records import EPISODES
-from desim_uav.report.batteries import batteries_before_us, battery_curve
+from desim_uav.report.batteries import battery_curve, charges_before
 from desim_uav.report.links import full_service_s, links_content, mean_rate_bps
 from desim_uav.report.replay.checks import Checks, Whole, whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, pack, plain
@@ -126,17 +126,17 @@ class Encoder:
         self.check.expect(
             unknown.empty, "events", f"kind: {next(iter(unknown), None)!r} is not known"
         )
-        found: dict[str, Whole] = {
+        columns: dict[str, Whole] = {
             name: events[name].fillna(-1).to_numpy(np.int64)
             for name in ("t_us", "phase", "drone", "user", "request_id", "station")
         }
-        found["kind"] = kind.to_numpy(np.int64)
-        found["link_class"] = np.full(len(events), -1, np.int64)
+        columns["kind"] = kind.to_numpy(np.int64)
+        columns["link_class"] = np.full(len(events), -1, np.int64)
         if self.run.world.graded:
-            found["link_class"] = events["link_class"].fillna(-1).to_numpy(np.int64)
-        found["other"] = np.full(len(events), -1, np.int64)
+            columns["link_class"] = events["link_class"].fillna(-1).to_numpy(np.int64)
+        columns["other"] = np.full(len(events), -1, np.int64)
         if self.scenario.separation_m is not None:
-            found["other"] = events["other"].fillna(-1).to_numpy(np.int64)
+            columns["other"] = events["other"].fillna(-1).to_numpy(np.int64)
         limits = {
             "t_us": (NOTHING, duration_us + 1),
             "phase": (NOTHING, max(Phase) + 1),
@@ -147,16 +147,16 @@ class Encoder:
             "station": (NAMES_STATION, len(self.run.map["stations"])),
         }
         for name, (kinds, end) in limits.items():
-            values = found[name]
-            needed = np.isin(found["kind"], [KINDS.index(word) for word in sorted(kinds)])
+            values = columns[name]
+            needed = np.isin(columns["kind"], [KINDS.index(word) for word in sorted(kinds)])
             lowest = np.where(needed, 0, -1) if kinds else np.zeros(len(values), np.int64)
             within = bool(((values >= lowest) & (values < end)).all())
             self.check.expect(within, "events", f"{name}: not of this run (0 to {end - 1})")
-        flown = (found["user"] < 0) & (found["drone"] >= self.drones)
+        flown = (columns["user"] < 0) & (columns["drone"] >= self.drones)
         self.check.expect(not flown.any(), "events", "drone: an access point does not fly")
-        rank = np.array([TAKING.get(name, 0) for name in KINDS])[found["kind"]]
-        order = np.lexsort((rank, found["phase"], found["t_us"]))
-        return {name: values[order] for name, values in found.items()}
+        rank = np.array([TAKING.get(name, 0) for name in KINDS])[columns["kind"]]
+        order = np.lexsort((rank, columns["phase"], columns["t_us"]))
+        return {name: values[order] for name, values in columns.items()}
 
     def _walks(self, users: pd.DataFrame) -> dict[str, Column]:
         """Return the way points of all walks, user by user."""
@@ -211,7 +211,7 @@ class Encoder:
             return {}
         counts, times, values = [], [], []
         steps, legs = tables["steps"], tables["legs"]
-        begins_with = batteries_before_us(self.run, number)
+        begins_with = charges_before(self.run, number)
         for drone, drone_type in enumerate(self.types):
             if not drone_type.limited:
                 counts.append(0)
@@ -219,7 +219,7 @@ class Encoder:
             own = steps[steps["drone"] == drone].sort_values("step")
             self.check.us(own, "steps", "battery_s", 0)
             records = [
-                (round(t_s * US), round(left_s * drone_type.per_second))
+                (round(t_s * US), round(left_s * drone_type.drain_per_s))
                 for t_s, left_s in zip(own["t_s"], own["battery_s"], strict=True)
             ]
             mine = (events["drone"] == drone) & (events["user"] < 0)
@@ -298,10 +298,12 @@ def fork_in(manifest: dict[str, Any]) -> dict[str, int] | None:
     """Return the episode and the time at which a branch of a run begins; None for other runs."""
     fork: Any = manifest.get("fork")
     names = ("episode", "t_us") if isinstance(fork, dict) else ()
-    told: dict[str, Any] = {name: fork.get(name) for name in names}
-    if not told or not all(type(value) is int and 0 <= value < 2**53 for value in told.values()):
+    numbers: dict[str, Any] = {name: fork.get(name) for name in names}
+    if not numbers or not all(
+        type(value) is int and 0 <= value < 2**53 for value in numbers.values()
+    ):
         return None
-    return told
+    return numbers
 
 
 NOTHING: frozenset[str] = frozenset()

@@ -10,7 +10,7 @@ from desim_uav.model.energy.battery import in_joules
 from desim_uav.model.motion.limits import CALM
 from desim_uav.model.motion.motion import Transit, flown_transit
 from desim_uav.model.motion.space import flight_of
-from desim_uav.model.motion.wind import Course, flown_along, motion_in, way_between
+from desim_uav.model.motion.wind import WindCourse, flown_along, motion_in, way_between
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.batteries import powers_w
 from desim_uav.report.replay.checks import Checks, Whole
@@ -107,7 +107,7 @@ class Flights:
         return self._profile_of[key]
 
     def _profile(
-        self, of_type: int, commanded: bool, length_m: float, lasted_us: int, way: Course
+        self, of_type: int, commanded: bool, length_m: float, lasted_us: int, way: WindCourse
     ) -> tuple[int, int]:
         """Return the number of the profile of a type's transit, and its duration (µs).
 

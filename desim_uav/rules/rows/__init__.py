@@ -7,47 +7,47 @@ those of user u are ``asks[asks_at[u]:asks_at[u + 1]]``; ``legs_at`` and ``known
 
 from __future__ import annotations
 
-from desim_uav.rules.rows.constants import Constants, Point, Radio, TypeRow
-from desim_uav.rules.rows.drones import Course, Credit, Drone, Observation, Pair, Station
+from desim_uav.rules.rows.constants import Constants, PointRow, RadioRow, TypeRow
+from desim_uav.rules.rows.drones import Course, Credit, Drone, ObservationRow, Pair, Station
 from desim_uav.rules.rows.flights import (
-    Cell,
+    CellRow,
     Hop,
     Move,
     Place,
-    Plan,
+    PlanRow,
     SpaceRow,
     WaysRow,
 )
-from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
+from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.sample_path import Ask, Path
-from desim_uav.rules.rows.state import Look, State, Wide
+from desim_uav.rules.rows.state import LookRow, State, Wide
 from desim_uav.rules.rows.users import Request, Spot, User
-from desim_uav.sky.rows import Change, Piece, TransitRow
+from desim_uav.sky.rows import Change, PieceRow, TransitRow
 
 __all__ = [
     "Ask",
-    "Cell",
+    "CellRow",
     "Change",
     "Closed",
     "Constants",
     "Course",
     "Credit",
     "Drone",
-    "Event",
+    "EventRow",
     "FlownRow",
     "Handover",
     "Hop",
-    "Look",
+    "LookRow",
     "Move",
-    "Observation",
+    "ObservationRow",
     "Pair",
     "Path",
-    "Piece",
+    "PieceRow",
     "Place",
-    "Plan",
-    "Point",
+    "PlanRow",
     "PointRecord",
-    "Radio",
+    "PointRow",
+    "RadioRow",
     "Record",
     "Request",
     "SpaceRow",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from desim_uav.model.services import StageRow
 from desim_uav.rowcode.rows import Row, Table, row
-from desim_uav.rules.rows.flights import Cell, Hop, Move, Place, Plan, SpaceRow
+from desim_uav.rules.rows.flights import CellRow, Hop, Move, Place, PlanRow, SpaceRow
 from desim_uav.sky.rows import Change, Scene, TransitRow
 
 
 @row
-class Radio(Row):
+class RadioRow(Row):
     """A radio: that of a type of drones, by its number, or after these that of an access point.
 
     ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
@@ -29,7 +29,7 @@ class Radio(Row):
 
 
 @row
-class Point(Row):
+class PointRow(Row):
     """The position of the antenna of a ground access point, in metres."""
 
     x_m: float
@@ -43,19 +43,19 @@ class TypeRow(Row):
 
     Their transits are those of ``Constants.transits`` from number ``first_transit`` on (number 0,
     the hover, is that of all types), and their planned returns those of ``Constants.plans`` from
-    number ``first_plan`` on. Without a ``limited`` battery, ``capacity_us`` and the like are 0.
-    Charges (``capacity_us`` and others) are in the units of the energy model, of which a drone
-    takes ``per_second`` in a second of hovering; a battery counts as full at ``full_us``. The
+    number ``first_plan`` on. Without a ``limited`` battery, ``capacity`` and the like are 0.
+    Charges (``capacity`` and others) are in the units of the energy model, of which a drone
+    takes ``drain_per_s`` in a second of hovering; a battery counts as full at ``full``. The
     changes of users who stand still are those of ``Constants.known_at`` from number ``first_known``
     on. The fields from ``scan`` on are functions, or in compiled code their addresses;
     ``admission_values`` and ``battery_values`` are the addresses of the components' fields.
     """
 
     limited: int
-    capacity_us: int
-    full_us: int
-    per_second: int
-    return_below_us: int
+    capacity: int
+    full: int
+    drain_per_s: int
+    return_charge: int
     respawn_after_us: int
     on_crash: int
     first_transit: int
@@ -64,7 +64,7 @@ class TypeRow(Row):
     admission_values: int
     battery_values: int
     scan: int
-    drained_us: int
+    drain_of: int
     lasts_us: int
 
 
@@ -126,17 +126,17 @@ class Constants(Row):
     types: Table[TypeRow]
     moves: Table[Move]
     transits: Table[TransitRow]
-    plans: Table[Plan]
+    plans: Table[PlanRow]
     hops: Table[Hop]
     levels_m: Table[float]
     blocked: Table[int]
     station_at: Table[int]
-    stations: Table[Cell]
-    starts: Table[Cell]
+    stations: Table[CellRow]
+    starts: Table[CellRow]
     ceilings: Table[int]
     homes: Table[Place]
-    radios: Table[Radio]
-    points: Table[Point]
+    radios: Table[RadioRow]
+    points: Table[PointRow]
     draws: int
     first_stages: Table[int]
     stages: Table[StageRow]

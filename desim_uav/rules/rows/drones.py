@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.rowcode.rows import Queue, Row, Table, row
-from desim_uav.rules.rows.flights import Plan
+from desim_uav.rules.rows.flights import PlanRow
 from desim_uav.sky.rows import Change, TransitRow
 
 
@@ -63,7 +63,7 @@ class Course(Row):
     station: int
     node: int
     level: int
-    home: Plan
+    home: PlanRow
     flight: TransitRow
     probe: TransitRow
 
@@ -77,7 +77,7 @@ class Drone(Row):
     ``type`` is the number of a drone's type, and ``radio`` that of its radio; access points admit
     requests as the first type does.
 
-    ``battery_us`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted. In
+    ``charge`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted. In
     serving flight, it follows its command until ``until_us``. In
     this episode its battery has ``began`` with so much (or had so much more as a replacement), and
     then ``used`` and ``gained`` so much, of which ``counted`` on the present leg (below 0: gained).
@@ -109,7 +109,7 @@ class Drone(Row):
     transit: int
     since_us: int
     until_us: int
-    battery_us: int
+    charge: int
     began: int
     used: int
     gained: int
@@ -145,8 +145,8 @@ class Drone(Row):
 
 
 @row
-class Observation(Row):
-    """The observation of a drone at a decision epoch (see ``model.state.Observation``).
+class ObservationRow(Row):
+    """The observation of a drone at a decision epoch (see ``model.state.ObservationRow``).
 
     ``believed`` is the number of the place at which it believes itself to be. ``link_quality`` is
     the mean efficiency of its links to attached users, as a share of that of the best class; it is
@@ -160,7 +160,7 @@ class Observation(Row):
     x: int
     y: int
     level: int
-    battery_us: int
+    charge: int
     believed: int
     attached_users: int
     used_hz: int

@@ -6,7 +6,7 @@ from desim_uav.rowcode.rows import Row, Table, row
 
 
 @row
-class Cell(Row):
+class CellRow(Row):
     """A cell of the map, by its indices from the west (x) and the south (y)."""
 
     x: int
@@ -33,12 +33,12 @@ class Move(Row):
 
 
 @row
-class Plan(Row):
+class PlanRow(Row):
     """The planned return from a place; its hops are ``Constants.hops[first:end]``."""
 
     station: int
     duration_us: int
-    drained_us: int
+    drain: int
     first: int
     end: int
 

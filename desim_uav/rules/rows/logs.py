@@ -7,7 +7,7 @@ from desim_uav.rowcode.rows import Row, row
 
 @row
 class Record(Row):
-    """The log's record of a drone at the end of a step; ``return_us`` is n_B (NEVER: no way).
+    """The log's record of a drone at the end of a step; ``return_drain`` is n_B (NEVER: no way).
 
     ``used`` is what it has drained of its battery since the episode began. ``aim_x`` to
     ``aim_cruise`` are the command of a free flight.
@@ -19,14 +19,14 @@ class Record(Row):
     x_m: float
     y_m: float
     z_m: float
-    battery_us: int
+    charge: int
     mode: int
     action: int
     action_taken: int
     attached_users: int
     served_requests: int
     used_hz: int
-    return_us: int
+    return_drain: int
     used: int
     reward: float
     aim_x: float
@@ -64,7 +64,7 @@ class FlownRow(Row):
 
 
 @row
-class Event(Row):
+class EventRow(Row):
     """An entry of the event log, which is an event or a leg (see ``note_leg``).
 
     An event of two drones (``words.OF_PAIRS``) has the other one in the place of ``user``.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from desim_uav.model.mobility.walks import Walking
 from desim_uav.rowcode.rows import Queue, Row, Table, row
-from desim_uav.rules.rows.drones import Drone, Observation, Pair, Station
-from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
+from desim_uav.rules.rows.drones import Drone, ObservationRow, Pair, Station
+from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.users import Spot, User
 from desim_uav.sky.rows import Sky
 
 
 @row
-class Look(Row):
+class LookRow(Row):
     """The users' walks in the present span of time.
 
     If users walk step by step, their walks are known until ``walked_us``. They ``stand`` if they
@@ -105,7 +105,7 @@ class State(Row):
     unsettled: Queue[int]
     open_requests: Table[int]
     asked: Table[int]
-    observations: Table[Observation]
+    observations: Table[ObservationRow]
     records: Table[Record]
     point_records: Table[PointRecord]
     counts: Table[int]
@@ -118,10 +118,10 @@ class State(Row):
     aims: Table[float]
     away_m: Table[float]
     flown: Queue[FlownRow]
-    events: Queue[Event]
+    events: Queue[EventRow]
     closed: Queue[Closed]
     handovers: Queue[Handover]
-    look: Look
+    look: LookRow
     sky: Sky
     slot_times: Table[int]
     slot_keys: Table[int]

@@ -11,7 +11,7 @@ from desim_uav.model.energy.battery import (
     LONGEST_MIN,
     Endurance,
     PerAction,
-    charged_us,
+    charge_after,
     time_to_full_us,
 )
 from desim_uav.model.motion.motion import REST, BangCoastBang
@@ -44,14 +44,14 @@ class TestEndurance:
     @settings(deadline=None)
     @given(st.integers(0, CAPACITY_US), st.sampled_from(FLIGHTS))
     def test_a_second_a_second_whatever_it_does(self, elapsed_us, flight):
-        assert Endurance().drained_us(flight, elapsed_us) == elapsed_us
+        assert Endurance().drain_of(flight, elapsed_us) == elapsed_us
 
     @settings(deadline=None)
     @given(st.integers(1, CAPACITY_US), st.sampled_from(FLIGHTS))
-    def test_it_lasts_until_just_when_all_is_drained(self, battery_us, flight):
-        lasts_us = Endurance().lasts_us(flight, battery_us)
-        assert Endurance().drained_us(flight, lasts_us) >= battery_us
-        assert Endurance().drained_us(flight, lasts_us - 1) < battery_us
+    def test_it_lasts_until_just_when_all_is_drained(self, charge, flight):
+        lasts_us = Endurance().lasts_us(flight, charge)
+        assert Endurance().drain_of(flight, lasts_us) >= charge
+        assert Endurance().drain_of(flight, lasts_us - 1) < charge
 
 
 class TestPerAction:
@@ -63,19 +63,19 @@ class TestPerAction:
 
     @pytest.mark.parametrize("flight", FLIGHTS)
     def test_a_flight_takes_a_minute_however_long_it_lasts(self, flight):
-        assert PerAction().drained_us(flight, 0) == 0
-        assert PerAction().drained_us(flight, flight.duration_us // 2) == pytest.approx(30e6, abs=7)
-        assert PerAction().drained_us(flight, flight.duration_us) == 60_000_000
+        assert PerAction().drain_of(flight, 0) == 0
+        assert PerAction().drain_of(flight, flight.duration_us // 2) == pytest.approx(30e6, abs=7)
+        assert PerAction().drain_of(flight, flight.duration_us) == 60_000_000
 
     @settings(deadline=None)
     @given(st.integers(1, CAPACITY_US), st.sampled_from((REST, *FLIGHTS)))
-    def test_it_lasts_until_just_when_all_is_drained(self, battery_us, flight):
-        lasts_us = PerAction().lasts_us(flight, battery_us)
+    def test_it_lasts_until_just_when_all_is_drained(self, charge, flight):
+        lasts_us = PerAction().lasts_us(flight, charge)
         if flight is not REST and lasts_us > flight.duration_us:
-            assert battery_us > 60_000_000, "a flight does not empty it"
+            assert charge > 60_000_000, "a flight does not empty it"
             return
-        assert PerAction().drained_us(flight, lasts_us) >= battery_us
-        assert PerAction().drained_us(flight, lasts_us - 1) < battery_us
+        assert PerAction().drain_of(flight, lasts_us) >= charge
+        assert PerAction().drain_of(flight, lasts_us - 1) < charge
 
     @pytest.mark.parametrize(
         ("text", "message"),
@@ -100,19 +100,19 @@ class TestCharging:
     def test_the_paper_charges_six_seconds_a_second(self):
         assert time_to_full_us(0, CAPACITY_US, FULL_CHARGE_US) == FULL_CHARGE_US
         assert time_to_full_us(360_000_000, CAPACITY_US, FULL_CHARGE_US) == 240_000_000
-        assert charged_us(360_000_000, 60_000_000, CAPACITY_US, FULL_CHARGE_US) == 720_000_000
+        assert charge_after(360_000_000, 60_000_000, CAPACITY_US, FULL_CHARGE_US) == 720_000_000
 
     def test_a_full_battery_is_full(self):
         assert time_to_full_us(CAPACITY_US, CAPACITY_US, FULL_CHARGE_US) == 0
-        assert charged_us(CAPACITY_US, 10**9, CAPACITY_US, FULL_CHARGE_US) == CAPACITY_US
+        assert charge_after(CAPACITY_US, 10**9, CAPACITY_US, FULL_CHARGE_US) == CAPACITY_US
 
     def test_the_end_of_charging_is_rounded_up_and_the_charge_down(self):
         # 1 us of battery is a sixth of a microsecond of charging.
         for missing, takes in [(1, 1), (5, 1), (6, 1), (7, 2), (12, 2), (13, 3)]:
             battery = CAPACITY_US - missing
             assert time_to_full_us(battery, CAPACITY_US, FULL_CHARGE_US) == takes
-        assert charged_us(0, 1, 7, 2) == 3
-        assert charged_us(0, 1, 2, 7) == 0
+        assert charge_after(0, 1, 7, 2) == 3
+        assert charge_after(0, 1, 2, 7) == 0
 
     @settings(max_examples=500, deadline=None)
     @given(st.data())
@@ -122,7 +122,9 @@ class TestCharging:
         charge = data.draw(st.integers(0, capacity))
         elapsed = data.draw(st.integers(0, full_charge))
         gained = elapsed * capacity // full_charge
-        assert charged_us(charge, elapsed, capacity, full_charge) == min(capacity, charge + gained)
+        assert charge_after(charge, elapsed, capacity, full_charge) == min(
+            capacity, charge + gained
+        )
         needed = -((charge - capacity) * full_charge // capacity)
         assert time_to_full_us(charge, capacity, full_charge) == needed
 
@@ -130,8 +132,8 @@ class TestCharging:
         longest = LONGEST_MIN * 60_000_000
         assert time_to_full_us(1, longest, longest) == longest - 1
         assert time_to_full_us(0, longest, longest - 1) == longest - 1
-        assert charged_us(0, longest - 1, longest, longest) == longest - 1
-        assert charged_us(0, longest - 2, longest, longest - 1) == longest - 2
+        assert charge_after(0, longest - 1, longest, longest) == longest - 1
+        assert charge_after(0, longest - 2, longest, longest - 1) == longest - 2
 
     @settings(deadline=None)
     @given(batteries())
@@ -139,16 +141,16 @@ class TestCharging:
         charge, capacity, full_charge = battery
         needed = time_to_full_us(charge, capacity, full_charge)
         assert 0 <= needed - Fraction((capacity - charge) * full_charge, capacity) < 1
-        assert charged_us(charge, needed, capacity, full_charge) == capacity
+        assert charge_after(charge, needed, capacity, full_charge) == capacity
         if needed > 0:
-            assert charged_us(charge, needed - 1, capacity, full_charge) < capacity
+            assert charge_after(charge, needed - 1, capacity, full_charge) < capacity
 
     @settings(deadline=None)
     @given(batteries(), st.integers(0, 10**13), st.integers(0, 10**13))
     def test_the_charge_grows_and_stays_within_the_capacity(self, battery, first, more):
         charge, capacity, full_charge = battery
-        then = charged_us(charge, first, capacity, full_charge)
-        later = charged_us(charge, first + more, capacity, full_charge)
+        then = charge_after(charge, first, capacity, full_charge)
+        later = charge_after(charge, first + more, capacity, full_charge)
         assert charge <= then <= later <= capacity
         exact = charge + Fraction(first * capacity, full_charge)
         assert then == capacity or 0 <= exact - then < 1

@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from desim_uav.errors import ScenarioError
-from desim_uav.model.energy.battery import charged_us, time_to_full_us
+from desim_uav.model.energy.battery import charge_after, time_to_full_us
 from desim_uav.model.energy.charging import MOST_US, Constant, Swap, Tapered, until_tapered
 from desim_uav.scenario.load import loads, scenario_hash, to_plain
 from desim_uav.world import build_world
@@ -100,7 +100,7 @@ class TestConstant:
     @given(st.integers(0, CAPACITY), st.integers(0, 10**9))
     def test_it_is_the_linear_charge(self, battery, elapsed_us):
         own = Constant(full_charge_min=5.0)
-        assert own.charged(battery, elapsed_us, CAPACITY) == charged_us(
+        assert own.charged(battery, elapsed_us, CAPACITY) == charge_after(
             battery, elapsed_us, CAPACITY, 300_000_000
         )
         assert own.until_full_us(battery, CAPACITY) == time_to_full_us(

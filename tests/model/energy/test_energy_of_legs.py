@@ -64,7 +64,7 @@ def test_energy_of_a_leg(seed: int):
     for share in (*rng.uniform(0.0, 1.0, 4), 1.0, 1.3):
         elapsed_us = round(share * leg.duration_us)
         joules = along(space, start, stop, rotor, elapsed_us / US)
-        found = battery.drained_us(flight, elapsed_us)
+        found = battery.drain_of(flight, elapsed_us)
         assert found == pytest.approx(1e6 * joules, rel=1e-9, abs=4)
         assert battery.lasts_us(flight, found) <= elapsed_us
         assert battery.lasts_us(flight, found + 1) > elapsed_us

@@ -5,7 +5,7 @@ import pytest
 
 from desim_uav.model.geometry.prisms import obstacles
 from desim_uav.model.motion.flight import step_leg
-from desim_uav.model.motion.legs import Bounds, place_on, write_profile
+from desim_uav.model.motion.legs import LegBounds, place_on, write_profile
 from desim_uav.model.motion.limits import CALM, Limits
 from tests.model.geometry.maps import random_town
 from tests.model.geometry.test_roads import free_place
@@ -14,7 +14,7 @@ from tests.selection import by_default
 LIMITS = Limits(10.0, 4.0, 5.0, 3.0, 2.0)
 HOUSE = np.zeros((10, 10))
 HOUSE[4, 4] = 50.0
-MAP = Bounds(1000.0, 1000.0, 10.0, 120.0)
+MAP = LegBounds(1000.0, 1000.0, 10.0, 120.0)
 
 
 def test_a_step_before_a_house_by_hand():
@@ -37,7 +37,7 @@ def wander(towns, steps, seed):
     rng, counts = np.random.default_rng(seed), np.zeros(3, int)
     for _ in range(towns):
         town = random_town(rng)
-        prisms, bounds = town.prisms(), Bounds(*town.size_m, 5.0, 120.0)
+        prisms, bounds = town.prisms(), LegBounds(*town.size_m, 5.0, 120.0)
         wind = tuple(rng.uniform(-4.0, 4.0, 2))
         z = rng.uniform(10.0, 90.0)
         place = free_place(rng, town, prisms, z)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from desim_uav.model.motion.legs import (
-    Bounds,
+    LegBounds,
     commanded,
     leg_between,
     place_on,
@@ -17,12 +17,12 @@ from desim_uav.model.motion.motion import BangCoastBang
 from desim_uav.model.radio.tracks import Flight, TrackRow, fly, place, row_at
 from desim_uav.rowcode.kernels import kernel
 from desim_uav.rowcode.views import records, zeros
-from desim_uav.sky.rows import Piece
+from desim_uav.sky.rows import PieceRow
 from tests.model.radio.looking import Trip
 from tests.model.sampler import Flight as Flown
 
 LIMITS = Limits(10.0, 4.0, 5.0, 3.0, 2.0)
-MAP = Bounds(2400.0, 2000.0, 20.0, 120.0)
+MAP = LegBounds(2400.0, 2000.0, 20.0, 120.0)
 STEP_S = 60.0
 
 
@@ -69,7 +69,10 @@ class TestLegs:
             profile = profile_of(leg)
             tracks = zeros(TrackRow, 10)
             end = fly(
-                Flight(records(Piece, profile), leg.route, 0), (0, 2 * leg.duration_us), tracks, 0
+                Flight(records(PieceRow, profile), leg.route, 0),
+                (0, 2 * leg.duration_us),
+                tracks,
+                0,
             )
             for t, expected in zip(times, trip.at(times), strict=True):
                 assert place_on(leg, profile, t) == pytest.approx(expected, abs=1e-9)
@@ -164,7 +167,7 @@ class TestCommands:
         rng, whole = np.random.default_rng(3), 0
         for _ in range(2000):
             limits, wind, cruise, at, _ = random_leg(rng)
-            bounds = Bounds(*rng.uniform(500.0, 3000.0, 2), 0.0, rng.uniform(500.0, 900.0))
+            bounds = LegBounds(*rng.uniform(500.0, 3000.0, 2), 0.0, rng.uniform(500.0, 900.0))
             command = rng.uniform(-1.0, 1.0, 3)
             if rng.random() < 0.5:
                 command[:2] /= np.hypot(*command[:2])

@@ -13,7 +13,7 @@ from desim_uav.model.motion.motion import (
     REST,
     START,
     BangCoastBang,
-    Leg,
+    TransitLeg,
     cruise_speed,
     travelled,
 )
@@ -198,5 +198,5 @@ def test_minimum_time_formula(distance, v, a):
 
 
 def test_a_leg_that_leads_nowhere_is_where_it_begins():
-    resting = Leg(REST, (120.0, 360.0), (120.0, 360.0), 40.0, 40.0)
+    resting = TransitLeg(REST, (120.0, 360.0), (120.0, 360.0), 40.0, 40.0)
     assert resting.position_m(17.0) == (120.0, 360.0, 40.0)

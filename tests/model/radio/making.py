@@ -5,7 +5,7 @@ import numpy as np
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.radio.tracks import Flight, TrackRow, fly, walk
 from desim_uav.rowcode.views import records, zeros
-from desim_uav.sky.rows import Piece
+from desim_uav.sky.rows import PieceRow
 from tests.model import sampler
 from tests.model.radio.looking import Trip
 
@@ -64,7 +64,7 @@ def walks(walk_, start_us=START_US):
 
 def flight_of(leg, start_us=START_US):
     """A leg as a flight of the package."""
-    return Flight(records(Piece, leg.profile), leg.route, start_us - leg.before_us)
+    return Flight(records(PieceRow, leg.profile), leg.route, start_us - leg.before_us)
 
 
 def absolute(legs, walk_, height_m, span_us):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from desim_uav.report.batteries import powers_w
 from desim_uav.report.figures.style import COLOURS, DASHES
-from desim_uav.report.free_legs import FreeLegs, Shown, Way
+from desim_uav.report.straight_legs import FreeLegs, LegEntry, Way
 
 Floats = NDArray[np.float64]
 
@@ -73,12 +73,12 @@ def draw_free_legs(figure: FigureBase, legs: FreeLegs) -> None:
     battery: Any = legs.own.drones.battery
     hover_w = battery.level_w(math.hypot(*legs.own.scenario.wind_mps))
     most_w, least = hover_w, math.inf
-    for number, shown in enumerate(legs.shown):
+    for number, entry in enumerate(legs.shown):
         look = _look(number)
-        times, watts = over_time(legs, shown)
+        times, watts = over_time(legs, entry)
         time.plot(times, watts, **look)
-        lengths, joules = over_length(legs, shown)
-        whole.plot(lengths, joules, label=shown.name, **look)
+        lengths, joules = over_length(legs, entry)
+        whole.plot(lengths, joules, label=entry.name, **look)
         metre.plot(lengths, joules / lengths, **look)
         most_w, least = max(most_w, watts.max()), min(least, (joules / lengths).min())
     time.axhline(hover_w, label="hover", **HOVER)
@@ -95,26 +95,26 @@ def draw_free_legs(figure: FigureBase, legs: FreeLegs) -> None:
 
 def _lengths(legs: FreeLegs) -> str:
     """Return the heading of the panel of typical legs."""
-    shorter = any(shown.way.longest_m < legs.typical_m for shown in legs.shown)
+    shorter = any(entry.way.longest_m < legs.typical_m for entry in legs.shown)
     return f"legs of {legs.typical_m:g} m{' at most' if shorter else ''}"
 
 
-def over_time(legs: FreeLegs, shown: Shown) -> tuple[Floats, Floats]:
+def over_time(legs: FreeLegs, entry: LegEntry) -> tuple[Floats, Floats]:
     """Return times of a typical leg in seconds, and the power then in watts.
 
     The leg is shorter if the map allows no longer one on its way.
     """
-    way = shown.way
-    leg = legs.leg(way, min(legs.typical_m, way.longest_m), shown.cruise_mps)
+    way = entry.way
+    leg = legs.leg(way, min(legs.typical_m, way.longest_m), entry.cruise_mps)
     times, watts = np.array(powers_w(legs.battery, legs.flight(way, leg), RAMP_PARTS)).T
     return times, watts
 
 
-def over_length(legs: FreeLegs, shown: Shown) -> tuple[Floats, Floats]:
+def over_length(legs: FreeLegs, entry: LegEntry) -> tuple[Floats, Floats]:
     """Return lengths of legs in metres, up to the longest one of a step, and their joules."""
-    way = shown.way
+    way = entry.way
     lengths = np.linspace(SHORTEST * way.longest_m, way.longest_m, POINTS)
-    joules = [legs.energy_j(way, legs.leg(way, float(m), shown.cruise_mps)) for m in lengths]
+    joules = [legs.energy_j(way, legs.leg(way, float(m), entry.cruise_mps)) for m in lengths]
     return lengths, np.array(joules)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.commands.free import take_aim
+from desim_uav.commands.aims import take_aim
 from desim_uav.engine.base import FlownLeg, FreeCarried
 from desim_uav.model.motion.flight import no_faster
 from desim_uav.model.motion.legs import FreeLeg, leg_between
@@ -17,25 +17,25 @@ from desim_uav.model.motion.space import Space, Ways
 from desim_uav.model.rules import Mode
 from desim_uav.rowcode.rows import Queue, Table, blank, fill
 from desim_uav.rules.free_flight import write_flight
-from desim_uav.rules.rows import Course, Drone, FlownRow, Piece, SpaceRow, WaysRow
+from desim_uav.rules.rows import Course, Drone, FlownRow, PieceRow, SpaceRow, WaysRow
 from desim_uav.rules.words import AIMS, OWN, REST
 from desim_uav.world import World
 
 
 def space_row(space: Space) -> SpaceRow:
     """Return a space as a row."""
-    made: Any = blank(SpaceRow)
+    row: Any = blank(SpaceRow)
     for name, value in space.limits._asdict().items():
-        setattr(made, name, value)
-    made.wind_x_mps, made.wind_y_mps = space.wind
-    made.lowest_mps, made.highest_mps = space.cruise_mps
+        setattr(row, name, value)
+    row.wind_x_mps, row.wind_y_mps = space.wind
+    row.lowest_mps, row.highest_mps = space.cruise_mps
     prisms = space.prisms
     for name in ("corners_m", "walls", "offsets", "heights_m", "boxes_m", "heads", "members"):
-        setattr(made, name, getattr(prisms, name).reshape(-1))
-    made.shape_x, made.shape_y = prisms.shape
-    made.side_x_m, made.side_y_m = prisms.side_m
-    made.levels = Table(map(_ways_row, space.levels))
-    return made  # type: ignore[no-any-return]
+        setattr(row, name, getattr(prisms, name).reshape(-1))
+    row.shape_x, row.shape_y = prisms.shape
+    row.side_x_m, row.side_y_m = prisms.side_m
+    row.levels = Table(map(_ways_row, space.levels))
+    return row  # type: ignore[no-any-return]
 
 
 def _ways_row(ways: Ways) -> WaysRow:
@@ -55,7 +55,7 @@ def set_course(drone: Drone, world: World) -> None:
     elif world.types[drone.type].free:
         drone.off_grid, drone.course.limit_mps = 1, math.inf
         for flight in (drone.course.flight, drone.course.probe):
-            flight.pieces = Table(blank(Piece) for _ in range(TRAPEZOID))
+            flight.pieces = Table(blank(PieceRow) for _ in range(TRAPEZOID))
 
 
 def set_memory(state: Any, world: World, log: int) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.commands.base import Alike, Arrays, Kept
+from desim_uav.commands.base import AlikeCommands, Arrays, Kept
 from desim_uav.commands.given import Command, CommandError, index_of, naming, real_numbers
 from desim_uav.drone_type import DroneType
 from desim_uav.model.rules import Action
@@ -23,7 +23,7 @@ the displacement, of the cruise speed, and of the wish to charge."""
 CHARGE = NUMBERS[-1]
 
 
-class FreeCommands(Alike):
+class FreeCommands(AlikeCommands):
     """Commands of drones that fly freely: numbers of a displacement, or the index of an action.
 
     There are 2 or 3 numbers for the displacement, one for the cruise speed if there is a choice,
@@ -80,7 +80,7 @@ class FreeCommands(Alike):
         except (TypeError, ValueError, RuntimeError):
             return None
 
-    def scripted(self, drone: int, index: int, given: Mapping[str, float | None]) -> Command:
+    def scripted(self, drone: int, index: int, values: Mapping[str, float | None]) -> Command:
         """Return the command of an action in a script, with the numbers of a flight by name.
 
         Raises CommandError if some are missing, or if there are others.
@@ -88,13 +88,13 @@ class FreeCommands(Alike):
         if self.actions[index] is not Action.FLY:
             return index
         names = self._names(self.own(drone))
-        needed = [name for name in names if name != CHARGE]
-        for name, value in given.items():
-            if name in needed and value is None:
-                raise CommandError(f"{name}: missing; to fly takes {', '.join(needed)}")
+        needs = [name for name in names if name != CHARGE]
+        for name, value in values.items():
+            if name in needs and value is None:
+                raise CommandError(f"{name}: missing; to fly takes {', '.join(needs)}")
             if name not in names and value:
                 raise CommandError(f"{name}: {value:g}: to fly takes {', '.join(names)} only")
-        return [0.0 if (value := given[name]) is None else value for name in names]
+        return [0.0 if (value := values[name]) is None else value for name in names]
 
     def drawn(self, drone: int, stream: np.random.Generator, mask: Sequence[bool]) -> Command:
         """Draw numbers from -1 to 1, whatever the mask allows."""
@@ -117,14 +117,14 @@ class FreeCommands(Alike):
         """
         if np.ndim(command) == 0:
             return None
-        given = [float(one) for one in command]
+        numbers = [float(one) for one in command]
         counts = {self.numbers(drone), len(self.names)}
-        if len(given) not in counts or not all(map(math.isfinite, given)):
+        if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
             raise CommandError(
-                f"a command of free flight is {min(counts)} finite numbers, not {given}"
+                f"a command of free flight is {min(counts)} finite numbers, not {numbers}"
             )
         aim = [0.0] * AIMS
-        for column, number in zip(self._columns, given, strict=False):
+        for column, number in zip(self._columns, numbers, strict=False):
             aim[column] = number
         return tuple(aim)
 
@@ -136,10 +136,10 @@ class FreeCommands(Alike):
         """Return which entries of a mask are those of a drone's type."""
         return [self.actions.index(action) for action in self.own(drone).actions]
 
-    def checked(self, drone: int, given: Any) -> list[float]:
+    def checked(self, drone: int, command: Any) -> list[float]:
         """Return the numbers of a drone. Raises CommandError, with the drone."""
         with naming(drone):
-            numbers: list[float] = real_numbers(given, (self.numbers(drone),)).tolist()
+            numbers: list[float] = real_numbers(command, (self.numbers(drone),)).tolist()
         return numbers
 
     # ---- of all drones
@@ -152,10 +152,10 @@ class FreeCommands(Alike):
         """Return the space of the commands of each drone in so many environments."""
         return _box(count, *self.shape_of_each)
 
-    def joined(self, given: Sequence[Any]) -> Any:
+    def joined(self, commands: Sequence[Any]) -> Any:
         """Return the numbers, one drone after the other, with 0 for what a drone does not have."""
         numbers = np.zeros(self.shape_of_each)
-        for drone, one in enumerate(given):
+        for drone, one in enumerate(commands):
             numbers[drone, : self.numbers(drone)] = self.checked(drone, one)
         return numbers.reshape(-1)
 
@@ -176,8 +176,8 @@ class FreeCommands(Alike):
         shape = self.shape_of_each if by_drone else self.shape
         return self._arrays(real_numbers(actions, (count, *shape)))
 
-    def _arrays(self, given: NDArray[np.float64]) -> Arrays:
-        numbers = given.reshape(-1, *self.shape_of_each)
+    def _arrays(self, block: NDArray[np.float64]) -> Arrays:
+        numbers = block.reshape(-1, *self.shape_of_each)
         aims = np.zeros((*numbers.shape[:2], AIMS))
         aims[:, :, self._columns] = numbers
         return np.zeros(numbers.shape[:2], np.int64), aims
@@ -192,16 +192,16 @@ class FreeCommands(Alike):
         drones = self.scenario.drone_count
         return np.array(aims, float).reshape(-1, drones, AIMS)[:, :, self._columns]
 
-    def played(self, indices: list[list[int]], kept: Kept) -> list[list[Command]]:
+    def played(self, indices: list[list[int]], numbers: Kept) -> list[list[Command]]:
         """Return numbers in the place of the indices of free flights."""
-        if kept is None:
+        if numbers is None:
             raise CommandError("the numbers of commands of free flight are missing")
-        if kept.shape[2] != len(self.names):
-            raise CommandError(f"numbers of the shape {kept.shape} do not fit")
+        if numbers.shape[2] != len(self.names):
+            raise CommandError(f"numbers of the shape {numbers.shape} do not fit")
         fly = self.actions.index(Action.FLY)
         return [
-            [own if index == fly else index for index, own in zip(step, given, strict=True)]
-            for step, given in zip(indices, kept.tolist(), strict=True)
+            [own if index == fly else index for index, own in zip(step, values, strict=True)]
+            for step, values in zip(indices, numbers.tolist(), strict=True)
         ]
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from desim_uav.drone_type import DroneType
 from desim_uav.model.energy.battery import Energy
 from desim_uav.model.motion.flight import chosen_mps, no_faster
-from desim_uav.model.motion.legs import Bounds, FreeLeg, commanded, direction, leg_between
+from desim_uav.model.motion.legs import FreeLeg, LegBounds, commanded, direction, leg_between
 from desim_uav.model.motion.limits import CALM, Limits, Wind
 from desim_uav.model.motion.motion import Transit, fastest
 from desim_uav.model.motion.space import ANY_SPEED, NO_CHOICE, flight_of
@@ -23,7 +23,7 @@ from desim_uav.model.rules import US
 
 ORIGIN: Point = (0.0, 0.0, 0.0)
 
-UNBOUNDED = Bounds(1e9, 1e9, -1e9, 1e9)
+UNBOUNDED = LegBounds(1e9, 1e9, -1e9, 1e9)
 """A map on which no leg from the origin along x ends at an edge."""
 
 
@@ -41,7 +41,7 @@ class Way(NamedTuple):
         return self.ahead[2] == 0.0
 
 
-class Shown(NamedTuple):
+class LegEntry(NamedTuple):
     """A way and the cruise speed that is chosen on it; it is infinite for the highest speed."""
 
     name: str
@@ -70,8 +70,8 @@ class FreeLegs:
         """The ways straight up and straight down; none in two dimensions."""
         wind = (0.0, self._wind_mps)
         ways = [("up", (0.0, 0.0, 1.0)), ("down", (0.0, 0.0, -1.0))]
-        made = [self._way(name, command, wind) for name, command in ways]
-        return tuple(way for way in made if way.longest_m > 0.0)
+        vertical = [self._way(name, command, wind) for name, command in ways]
+        return tuple(way for way in vertical if way.longest_m > 0.0)
 
     @cached_property
     def _level_ways(self) -> tuple[Way, ...]:
@@ -108,13 +108,13 @@ class FreeLegs:
         return Way(name, ahead, wind, reach_m)
 
     @cached_property
-    def shown(self) -> tuple[Shown, ...]:
+    def shown(self) -> tuple[LegEntry, ...]:
         """The ways at the highest speed of commands, and a level one at the lowest, if chosen."""
-        found = [Shown(way.name, way, ANY_SPEED) for way in self.ways]
+        ways = [LegEntry(way.name, way, ANY_SPEED) for way in self.ways]
         if self.choice is not None:
             way = self._level_ways[-1]  # without wind, or across it
-            found.append(Shown(f"{way.name}, lowest speed", way, self.choice[0]))
-        return tuple(found)
+            ways.append(LegEntry(f"{way.name}, lowest speed", way, self.choice[0]))
+        return tuple(ways)
 
     # ---- limits
 
@@ -126,8 +126,8 @@ class FreeLegs:
     @cached_property
     def choice(self) -> tuple[float, float] | None:
         """The lowest and the highest speed that commands can choose; None if they choose none."""
-        found = self.own.space.cruise_mps
-        return None if found == NO_CHOICE else found
+        speeds_mps = self.own.space.cruise_mps
+        return None if speeds_mps == NO_CHOICE else speeds_mps
 
     @cached_property
     def cruises_mps(self) -> list[float]:
@@ -192,7 +192,7 @@ class FreeLegs:
         """Return what a leg takes, in joules; NaN if it cannot be flown."""
         if leg.duration_us < 0:
             return math.nan
-        return self.battery.drained_us(self.flight(way, leg), leg.duration_us) / 1e6
+        return self.battery.drain_of(self.flight(way, leg), leg.duration_us) / 1e6
 
     def step_j(self, way: Way, length_m: float) -> float:
         """Return what a step takes that begins with a leg and ends with a hover, in joules."""
@@ -201,15 +201,15 @@ class FreeLegs:
 
     def steps_j(self) -> dict[str, float]:
         """Return what steps take in joules, by name: a hover, and commands with their lengths."""
-        found = {"hover": self._hover_j(self._step_us)}
+        energies_j = {"hover": self._hover_j(self._step_us)}
         for way in self.ways + self.vertical_ways:
             lengths_m = [way.longest_m, self.typical_m] if way.level else [way.longest_m]
             for metres in lengths_m:
-                found[f"{way.name}, {_in_metres(metres)}"] = self.step_j(way, metres)
-        return found
+                energies_j[f"{way.name}, {_in_metres(metres)}"] = self.step_j(way, metres)
+        return energies_j
 
     def _hover_j(self, lasts_us: int) -> float:
-        return self.battery.drained_us(self.own.rest, lasts_us) / 1e6
+        return self.battery.drain_of(self.own.rest, lasts_us) / 1e6
 
     @property
     def _step_us(self) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from desim_uav.errors import ScenarioError
-from desim_uav.scenario import free
+from desim_uav.scenario import space_checks
 from desim_uav.scenario.load import from_mapping, scenario_hash
 from desim_uav.world import build_world
 
@@ -83,8 +83,10 @@ def test_what_it_does_not_go_with_is_named(sections, key):
         made(**sections)
 
 
-def mixed(free: dict[str, Any] | None = None, *more: dict[str, Any], **sections: Any) -> Any:
-    types = [{"name": "a", "motion": {**FREE, **(free or {})}}, {"name": "b"}, *more]
+def mixed(
+    space_checks: dict[str, Any] | None = None, *more: dict[str, Any], **sections: Any
+) -> Any:
+    types = [{"name": "a", "motion": {**FREE, **(space_checks or {})}}, {"name": "b"}, *more]
     return from_mapping({"map": {"dimensions": 2}, "drones": types, **sections})
 
 
@@ -153,8 +155,8 @@ def test_stations_and_starts_are_no_obstacles(what):
 def test_zones_that_take_minutes_to_be_cut_are_refused(monkeypatch: pytest.MonkeyPatch):
     zones = [{"polygon_m": SQUARE}, {"polygon_m": [[300, 300], [400, 300], [400, 400]]}]
     zoned = {"dimensions": 2, "no_fly": zones}
-    monkeypatch.setattr(free, "MOST_WORK", 25)
+    monkeypatch.setattr(space_checks, "MOST_WORK", 25)
     made(map=zoned)
-    monkeypatch.setattr(free, "MOST_WORK", 24)
+    monkeypatch.setattr(space_checks, "MOST_WORK", 24)
     with pytest.raises(ScenarioError, match=r"map\.no_fly.*7 corners of 2 polygons"):
         made(map=zoned)

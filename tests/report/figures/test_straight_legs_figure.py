@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from desim_uav.errors import UsageError
 from desim_uav.model.motion.limits import Limits
 from desim_uav.report.figures import energy_figure
-from desim_uav.report.free_legs import FreeLegs, Way
+from desim_uav.report.straight_legs import FreeLegs, Way
 from desim_uav.world import World
 from tests.engine.helpers import strip
 from tests.model.energy.test_energy_of_legs import along, space_of
 from tests.reference.energy import Rotor
-from tests.report.test_free_legs import BATTERY, CHOICE, MOTION, flat, hills
+from tests.report.test_straight_legs import BATTERY, CHOICE, MOTION, flat, hills
 
 
 def panels(figure: Figure) -> dict[str, Any]:

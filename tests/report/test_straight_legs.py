@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from desim_uav.report.free_legs import FreeLegs, Way
+from desim_uav.report.straight_legs import FreeLegs, Way
 from desim_uav.world import World
 from tests.engine.helpers import Flight, in_3d, path_of, strip
 
@@ -39,7 +39,7 @@ def used_j(world: World, commands: Any) -> list[float]:
     for command in commands:
         shown = flight.engine.step([[*command, -1.0]])
     assert shown.truncated
-    charges = [world.types[0].capacity_us, *(step.battery_us for step in flight.engine.log.steps)]
+    charges = [world.types[0].capacity, *(step.charge for step in flight.engine.log.steps)]
     return [(before - after) / 1e6 for before, after in pairwise(charges)]
 
 
@@ -108,7 +108,7 @@ def test_the_lowest_speed_is_that_of_a_run(monkeypatch, engine):
     for joules, shown, share in zip(found, (slow, slow, level), (0.2, 0.9, 0.9), strict=True):
         leg = legs.leg(shown.way, share * 575.0, shown.cruise_mps)
         rest_us = 60_000_000 - leg.duration_us
-        hover_j = legs.battery.drained_us(legs.own.rest, rest_us) / 1e6
+        hover_j = legs.battery.drain_of(legs.own.rest, rest_us) / 1e6
         assert joules == pytest.approx(legs.energy_j(shown.way, leg) + hover_j, abs=4e-6)
     assert legs.leg(level.way, 0.9 * 575.0).duration_us < 55_000_000
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import CarriedDrone, FreeCarried
-from desim_uav.engine.free import carried_leg
+from desim_uav.engine.courses import carried_leg
 from desim_uav.env.untrusted import HIGHEST, listed, number, require, whole
 from desim_uav.model.geometry.prisms import TOUCH_M, deepest_at, first_entry
 from desim_uav.model.radio.tracks import Point
@@ -122,8 +122,10 @@ def _check_leg(one: CarriedDrone, free: FreeCarried, world: World, own: DroneTyp
 def _check_home(free: FreeCarried, world: World, ceiling: bool, own: DroneType) -> None:
     """Raise ValueError unless a way leads on from the end of a leg to a station."""
     levels = own.space.levels
-    known = 0 <= free.station < len(world.stations)
-    require(known and 0 <= free.level < min(len(levels), world.grid.levels(ceiling)), "no way home")
+    is_station = 0 <= free.station < len(world.stations)
+    require(
+        is_station and 0 <= free.level < min(len(levels), world.grid.levels(ceiling)), "no way home"
+    )
     ways, stop = levels[free.level], free[3:6]
     require(-1 <= free.node < len(ways.roads.nodes_m), f"{free.node} is no node of a way home")
     if free.node < 0:
