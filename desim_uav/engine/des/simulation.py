@@ -50,7 +50,8 @@ class LiveState(State):
 class Simulation(Engine):
     """The SimPy engine (see ``Engine``).
 
-    ``audit`` is called with the simulation after every event (see ``engine.audit``).
+    ``audit`` is called with the simulation after every event. The tests have one, which checks the
+    invariants of an episode.
 
     SimPy's processes can be neither copied nor pickled, so a copy, as an engine that goes on from a
     saved state, has new ones, which wait for the same events.
