@@ -103,20 +103,6 @@ def line_of_sight_ring_m(path_loss: RowPathLoss, height_m: float, uniform: float
     return last_m(sees, FARTHEST_M)
 
 
-def effective_ring_m(los_m: float, nlos_m: float, sight_m: float) -> float:
-    """Return the radius of a class for a user who sees the drone within ``sight_m``.
-
-    Raises ValueError if the class would reach farther without line of sight than with it: it would
-    then begin anew where the line of sight ends, and hold in no disc.
-    """
-    if nlos_m > los_m:
-        raise ValueError(
-            f"a class must not reach farther without line of sight ({nlos_m:g} m) than with it "
-            f"({los_m:g} m)"
-        )
-    return min(los_m, max(sight_m, nlos_m))
-
-
 def last_m(holds: Callable[[float], bool], outside_m: float) -> float:
     """Return the distance up to which a condition holds, by bisection, in metres.
 
