@@ -12,19 +12,6 @@ from desim_uav.model.radio.tracks import TrackRow, Turn
 from desim_uav.model.radio.visits import Visit
 from desim_uav.rowcode.rows import Row, Table, row
 
-__all__ = [
-    "Air",
-    "Change",
-    "LegRow",
-    "Making",
-    "PieceRow",
-    "Propagation",
-    "Scene",
-    "Sky",
-    "TransitRow",
-    "Turn",
-]
-
 
 @row
 class PieceRow(Row):
