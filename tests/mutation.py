@@ -103,10 +103,10 @@ MUTATIONS = (
     ),
     Mutation(
         "a stationary elevation is overlooked",
-        "model/radio/stationary.py",
+        "experiment/gallery/stationary.py",
         "if least <= 0.0 <= most and not (rises or sinks) and high - low > FINEST_DEG:",
         "if False:",
-        ("model/radio/test_stationary.py",),
+        ("experiment/test_stationary.py",),
     ),
     Mutation(
         "durations of transits truncated instead of rounded",
