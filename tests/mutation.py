@@ -335,15 +335,15 @@ MUTATIONS = (
     Mutation(
         "a return is allowed at any charge of the battery",
         "rules/decide.py",
-        "may_return = limited and charge <= return_below_of(world, drone)",
-        "may_return = limited",
+        "may_return = own.limited != 0 and charge <= own.return_charge",
+        "may_return = own.limited != 0",
         ("engine/test_masks.py",),
     ),
     Mutation(
         "a drone with a full battery is allowed to charge",
         "rules/decide.py",
-        "is_full = charge >= full_of(world, drone)",
-        "is_full = charge > full_of(world, drone)",
+        "is_full = charge >= own.full",
+        "is_full = charge > own.full",
         ("engine/test_masks.py",),
     ),
     Mutation(

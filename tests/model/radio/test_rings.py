@@ -73,12 +73,6 @@ class TestEdges:
         assert line_of_sight_ring_m(URBAN, 100.0, 0.02) == math.inf
         assert line_of_sight_ring_m(AlHourani("high_rise"), 100.0, 0.9) == 0.0
 
-    def test_shadowing_shifts_the_threshold(self):
-        plain = rings(URBAN, 2.0, 100.0, BUDGET, classes(13.0))
-        shadowed = rings(URBAN, 2.0, 100.0, BUDGET, classes(10.0), shadowing_db=(3.0, 3.0))
-        assert shadowed.los_m == plain.los_m and shadowed.nlos_m == plain.nlos_m
-        assert shadowed.mean_m == rings(URBAN, 2.0, 100.0, BUDGET, classes(10.0)).mean_m
-
 
 class TestRefusals:
     @pytest.mark.parametrize("height_m", [0.0, -5.0, math.nan, math.inf])
