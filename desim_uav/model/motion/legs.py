@@ -17,7 +17,7 @@ from desim_uav.model.motion.motion import (
     ACCELERATION,
     TRAPEZOID,
     fastest,
-    write_trapezoid,
+    trapezoid,
 )
 from desim_uav.model.radio.tracks import Point
 from desim_uav.rowcode.kernels import kernel, part
@@ -101,7 +101,10 @@ def write_profile(leg: FreeLeg, profile: Profile) -> int:
         for column in range(ACCELERATION + 1):
             profile[0, column] = 0.0
         return 1
-    write_trapezoid(profile, leg.distance_m, leg.speed_mps, leg.acceleration_mps2, leg.duration_s)
+    pieces = trapezoid(leg.distance_m, leg.speed_mps, leg.acceleration_mps2, leg.duration_s)
+    for k in range(TRAPEZOID):
+        for column in range(ACCELERATION + 1):
+            profile[k, column] = pieces[k][column]
     return TRAPEZOID
 
 
