@@ -83,7 +83,7 @@ def cross_rings(
     while at < duration:
         while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
             phase += 1
-        if ends and _keeps_away(profile, phase, users, user, radii, circles, one.now):
+        if _keeps_away(profile, phase, ends, users, user, radii, circles, one.now):
             at = _until(profile, phase, duration)
             continue
         while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
@@ -147,6 +147,7 @@ def _until(profile: NDArray[np.float64], phase: int, end: float) -> float:
 def _keeps_away(
     profile: NDArray[np.float64],
     phase: int,
+    ends: bool,
     users: Users,
     user: int,
     radii: Radii,
@@ -155,7 +156,7 @@ def _keeps_away(
 ) -> bool:
     """Return whether a user crosses no circle while the drone speeds up or brakes, by bounds."""
     first, stop = circles
-    if len(profile) <= MOST_REST or not (phase == 0 or phase == len(profile) - 2):
+    if not ends or len(profile) <= MOST_REST or 0 < phase != len(profile) - 2:
         return False
     near, far = (START_NEAR, START_FAR) if phase == 0 else (STOP_NEAR, STOP_FAR)
     stays_in = now == first or radii[now - 1] > users.seen[far, user]
