@@ -107,7 +107,8 @@ class RowMobility:
         A model with a field ``start``, which says where users begin, begins at their homes.
         """
         own: Any = self
-        return replace(own, start="home") if hasattr(own, "start") else own
+        at_home: RowMobility = replace(own, start="home") if hasattr(own, "start") else own
+        return at_home
 
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
         """Return an estimate of all users' legs in this time; by default one each ten seconds."""

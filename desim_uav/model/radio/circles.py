@@ -42,10 +42,8 @@ from desim_uav.model.geometry.relative import (
     turning_points,
 )
 from desim_uav.model.motion.motion import START
-from desim_uav.model.radio.passages import begin_passages, passed
+from desim_uav.model.radio.passages import Radii, begin_passages, passed
 from desim_uav.rowcode.kernels import part
-
-Radii = NDArray[np.float64] | tuple[float]
 
 MOST_REST = 2
 """A profile with more rows than this has at least two phases before the rest."""
