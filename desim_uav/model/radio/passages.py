@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from desim_uav.model.geometry.relative import beyond, write
 from desim_uav.rowcode.kernels import part
 
-
 Radii = NDArray[np.float64] | tuple[float]
 """The radii of circles, the widest first."""
 
