@@ -103,10 +103,10 @@ MUTATIONS = (
     ),
     Mutation(
         "a stationary elevation is overlooked",
-        "model/radio/stationary.py",
+        "experiment/gallery/stationary.py",
         "if least <= 0.0 <= most and not (rises or sinks) and high - low > FINEST_DEG:",
         "if False:",
-        ("model/radio/test_stationary.py",),
+        ("experiment/test_stationary.py",),
     ),
     Mutation(
         "durations of transits truncated instead of rounded",
@@ -335,15 +335,15 @@ MUTATIONS = (
     Mutation(
         "a return is allowed at any charge of the battery",
         "rules/decide.py",
-        "may_return = limited and charge <= return_below_of(world, drone)",
-        "may_return = limited",
+        "may_return = own.limited != 0 and charge <= own.return_charge",
+        "may_return = own.limited != 0",
         ("engine/test_masks.py",),
     ),
     Mutation(
         "a drone with a full battery is allowed to charge",
         "rules/decide.py",
-        "is_full = charge >= full_of(world, drone)",
-        "is_full = charge > full_of(world, drone)",
+        "is_full = charge >= own.full",
+        "is_full = charge > own.full",
         ("engine/test_masks.py",),
     ),
     Mutation(

@@ -8,7 +8,6 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +22,6 @@ from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.sweep.grid import axes
 from desim_uav.experiment.sweep.job import jobs, run_job
 from desim_uav.experiment.sweep.plan import SweepPlan, arms, policy_digest
-from desim_uav.model.radio.fits import _own
-from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.traces import index, read_table
 from desim_uav.policies import load_policy
 from desim_uav.rowcode.components import check_unchanged
@@ -324,16 +321,3 @@ def test_a_recording_is_read_again_whatever_its_length_and_time(tmp_path: Path):
         file.write_text(f"a\n{number}\n")
         os.utime(file, (10**9, 10**9))
         assert read_table(file, {"a": index}) == [(number, 2)]
-
-
-@dataclass(frozen=True)
-class Linear(RowPathLoss):
-    """A loss of so many dB a kilometre."""
-
-    rate: float = 1
-
-
-def test_equal_numbers_of_other_types_are_other_components():
-    """To Python they are equal: fits are kept by their bits."""
-    assert len({_own(Linear(rate)) for rate in (1, 1.0, -0.0, 0.0, 0)}) == 5
-    assert _own(Linear(2.5)) == _own(Linear(2.5))

@@ -7,9 +7,9 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 from desim_uav.model.motion.planner import Node
-from desim_uav.model.rules import Mode, Outcome
+from desim_uav.model.rules import Mode
 from desim_uav.rowcode.rows import named
-from desim_uav.rules.rows import PointRecord, Record
+from desim_uav.rules.rows import Closed, PointRecord, Record
 
 Event = tuple[Any, ...]
 """An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none.
@@ -20,34 +20,17 @@ stages, the number of the stage that begins follows.
 """
 
 
-@dataclass(slots=True)
-class ClosedRequest:
+class ClosedRequest(named(Closed, "drones", "outcome")):  # type: ignore[misc]
     """A closed request; times are in microseconds since the start of the episode.
 
     ``required`` and ``done`` are microseconds of service, or millionths of a bit, in stage number
     ``stage``, its last one; ``asked_us``, ``asked_ubit`` and ``sent_ubit`` are sums over its stages
-    (see ``rules.stages.count_amounts``). ``drones`` lists
-    the drones that served it, in order; ``t_first_us`` is the start of service.
+    (see ``rules.stages.count_amounts``). ``drones`` lists the drones that served it, in order;
+    ``t_first_us`` is the start of service, or None. ``outcome`` is an Outcome. The other fields are
+    those of ``rules.rows.Closed``.
     """
 
-    request_id: int
-    user: int
-    service: int
-    stage: int
-    bandwidth_bps: int
-    required: int
-    done: int
-    served_us: int
-    attached_us: int
-    t_request_us: int
-    t_first_us: int | None
-    t_end_us: int
-    interruptions: int
-    asked_us: int
-    asked_ubit: int
-    sent_ubit: int
-    drones: list[int]
-    outcome: Outcome
+    __slots__ = ()
 
 
 class Step(named(Record)):  # type: ignore[misc]  # its fields are declared in Record alone

@@ -259,11 +259,10 @@ class Engine(CarryOver):
             outcome = Outcome.UNFINISHED if closed.served_us else Outcome.NEVER_SERVED
             if closed.done == closed.required:
                 outcome = Outcome.COMPLETED
-            drones = self._served_by.pop(closed.number, [])
-            request = base.ClosedRequest(*(*AS_CLOSED(closed), drones, outcome))
-            if closed.t_first_us < 0:
-                request.t_first_us = None
-            self.log.requests.append(request)
+            drones = self._served_by.pop(closed.request_id, [])
+            request = base.ClosedRequest(*AS_CLOSED(closed), drones, outcome)
+            served = closed.t_first_us >= 0
+            self.log.requests.append(request if served else request._replace(t_first_us=None))
 
     def _log_steps(self) -> None:
         """Log the records, with drones' modes and actions in the place of their numbers."""

@@ -6,15 +6,12 @@ from itertools import accumulate, chain
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from desim_uav.engine.constants import transit_row, transits_of
 from desim_uav.links import Links
 from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.motion.motion import TRAPEZOID
-from desim_uav.model.radio.between import Window, window_rows
 from desim_uav.model.radio.buildings import Buildings, cells_as_prisms
-from desim_uav.model.radio.fits import NONE, Fits, fits_of
 from desim_uav.model.radio.links import LOOKS, Link, Look
 from desim_uav.model.radio.marks import KINDS, Mark, memory_for
 from desim_uav.model.radio.tracks import TrackRow
@@ -45,7 +42,7 @@ def scene_of(world: World) -> Scene:
     scene.separation_m = world.scenario.separation_m or 0.0
     scene.transits = Table(map(transit_row, transits_of(world)))
     thresholds = accumulate((len(links.thresholds_db) for links in world.links), initial=0)
-    scene.radios = Table(map(_propagation, world.links, thresholds, [world] * len(world.links)))
+    scene.radios = Table(map(_propagation, world.links, thresholds))
     scene.groups = Table(world.groups.tolist())
     buckets = bucket_grid(*world.area, world.reach_m)
     scene.buckets_x, scene.buckets_y = buckets
@@ -65,15 +62,11 @@ def scene_of(world: World) -> Scene:
     return typed_scene
 
 
-def _propagation(links: Links, lowest: int, world: World) -> Propagation:
+def _propagation(links: Links, lowest: int) -> Propagation:
     """Return how the signals of a radio are received, without the functions of its path loss."""
-    row, radio, fits = blank(Propagation), links.radio, _fits_between(world, links)
+    row, radio = blank(Propagation), links.radio
     row.classes, row.levels, row.lowest = len(links.efficiencies) - 1, len(links.rings_m), lowest
     row.radii_m = Table(links.rings_m.reshape(-1).tolist())
-    row.slabs = fits.terms.shape[3]
-    row.terms = Table(fits.terms.reshape(-1).tolist())
-    row.ranges = Table(fits.ranges.reshape(-1).tolist())
-    row.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
     if radio.graded:
         row.sight = KINDS[radio.sight]
         row.carrier_ghz, row.power_dbm = radio.carrier_ghz, radio.power_dbm
@@ -81,20 +74,6 @@ def _propagation(links: Links, lowest: int, world: World) -> Propagation:
         if radio.shadowing is not None:
             row.los_shadow_db, row.nlos_shadow_db = map(float, radio.shadowing)
     return row
-
-
-def _fits_between(world: World, links: Links) -> Fits:
-    """Return the radii of classes between the levels of a radio's links, if it needs them."""
-    radio, levels = links.radio, world.grid.levels_m
-    if (
-        links.free
-        or not links.in_air
-        or len(links.rings_m) != len(levels)
-        or radio.marked
-        or radio.reuse > 0
-    ):
-        return NONE
-    return fits_of(radio, levels, world.heights_m)
 
 
 def buildings_of(world: World) -> Buildings:
@@ -118,7 +97,6 @@ def sky_of(world: World, room: Room) -> Sky:
     if world.graded:
         sky.found = zeros(Change, room.changes)
         sky.order = np.zeros(room.changes, np.int64)
-        sky.windows = _windows(world)
     if world.scenario.separation_m is not None:
         pieces = most_pieces(world)
         sky.tracks, sky.turns = zeros(TrackRow, 2 * (pieces + 1)), zeros(Turn, most_turns(pieces))
@@ -153,15 +131,6 @@ def most_pieces(world: World) -> int:
     """Return the number of pieces of the longest profile of a transit."""
     own = TRAPEZOID if world.free else 0
     return max(own, *(len(transit.profile) for transit in transits_of(world)))
-
-
-def _windows(world: World) -> NDArray[Any]:
-    """Return memory for the windows of a leg between levels of any type of drones."""
-    longest = max(len(transit.profile) for transit in transits_of(world))
-    fits = [_fits_between(world, links) for links in world.links[: len(world.types)]]
-    slabs = max(each.terms.shape[3] for each in fits)
-    windows: NDArray[Any] = zeros(Window, window_rows(slabs, longest))
-    return windows
 
 
 def _set_air(sky: Any, world: World) -> None:

@@ -77,26 +77,20 @@ def play(
 
 
 @stands_in_for(learner.begin)
-def _begin(engine: Any, episode: Any) -> Any:
-    def begin(engine: Any, episode: Any) -> None:
-        call(engine.world.run, (engine.world, engine.path, engine.state, RESET))
-        _show(engine, episode)
-
-    return begin
+def _begin(engine: Any, episode: Any) -> None:
+    call(engine.world.run, (engine.world, engine.path, engine.state, RESET))
+    _show(engine, episode)
 
 
 @stands_in_for(learner.step)
-def _step(engine: Any, episode: Any) -> Any:
-    def step(engine: Any, episode: Any) -> None:
-        state = engine.state
-        for d in range(len(state.drones)):
-            state.drones[d].command = episode.learners[d].command
-        call(engine.world.run, (engine.world, engine.path, state, STEP))
-        for d in range(len(state.drones)):
-            episode.learners[d].reward, episode.learners[d].share = state.rewards[d], state.share
-        _show(engine, episode)
-
-    return step
+def _step(engine: Any, episode: Any) -> None:
+    state = engine.state
+    for d in range(len(state.drones)):
+        state.drones[d].command = episode.learners[d].command
+    call(engine.world.run, (engine.world, engine.path, state, STEP))
+    for d in range(len(state.drones)):
+        episode.learners[d].reward, episode.learners[d].share = state.rewards[d], state.share
+    _show(engine, episode)
 
 
 @rule

@@ -108,22 +108,16 @@ singles_at = entries_at(np.float32)
 
 
 @stands_in_for(QValues.__getitem__)
-def _getitem(q: Any, place: Any) -> Any:
-    def getitem(q: Any, place: Any) -> float:
-        k = _entry(q, place)
-        return float(_entries(q)[k]) if k >= 0 else math.nan
-
-    return getitem
+def _getitem(q: Any, place: Any) -> float:
+    k = _entry(q, place)
+    return float(_entries(q)[k]) if k >= 0 else math.nan
 
 
 @stands_in_for(put)
-def _put(q: Any, place: Any, value: Any) -> Any:
-    def put(q: Any, place: Any, value: Any) -> None:
-        k = _entry(q, place)
-        if k >= 0:
-            _entries(q)[k] = value
-
-    return put
+def _put(q: Any, place: Any, value: Any) -> None:
+    k = _entry(q, place)
+    if k >= 0:
+        _entries(q)[k] = value
 
 
 @rule

@@ -17,7 +17,7 @@ from desim_uav.errors import SimulationError
 from desim_uav.rowcode.compiled_rows import address_of
 from desim_uav.rowcode.compiled_types import F64, I64, WORD, ZERO, Pointer, intrinsic
 from desim_uav.rowcode.numba_parts import add_symbol, cgutils, ir, types
-from desim_uav.rowcode.options import overload_of_any
+from desim_uav.rowcode.options import overload
 from desim_uav.rowcode.rows import is_row
 
 RETURNED = {int: I64, float: F64, bool: types.boolean, type(None): types.none}
@@ -117,7 +117,7 @@ def called_by_cell(function: FunctionType, compiled: Callable[[], Any]) -> None:
     def stub(*arguments: Any) -> Any:
         return caller(arguments)
 
-    overload_of_any(function)(lambda *arguments: stub)
+    overload(function, forceinline=False)(stub)
 
 
 def _place(context: Any, builder: Any, name: str) -> Any:

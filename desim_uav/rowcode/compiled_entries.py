@@ -182,7 +182,7 @@ set_word: Any = intrinsic(prefer_literal=True)(_set_word)
 # ---- indexing of classes of rows that define it
 
 
-@overload(operator.getitem)
+@overload(operator.getitem, by_types=True)
 def _of_getitem(row: Any, place: Any) -> Any:
     method: Any = _method_of(row, "__getitem__")
 
@@ -192,7 +192,7 @@ def _of_getitem(row: Any, place: Any) -> Any:
     return getitem if method and not _is_bounded(row) else None
 
 
-@overload(operator.setitem)
+@overload(operator.setitem, by_types=True)
 def _of_setitem(row: Any, place: Any, value: Any) -> Any:
     method: Any = _method_of(row, "__setitem__")
 

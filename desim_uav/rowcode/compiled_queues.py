@@ -108,61 +108,46 @@ class _Methods(AttributeTemplate):
 
 
 @overload_method(Line, "append")
-def _append(line: Any, value: Any) -> Any:
-    def append(line: Any, value: Any) -> None:
-        count = len(line)
-        if count < word(line, 2):
-            set_spare(line, count, value)
-            set_word(line, 1, count + 1)
-        else:
-            set_word(line, 3, 1)
-
-    return append
+def _append(line: Any, value: Any) -> None:
+    count = len(line)
+    if count < word(line, 2):
+        set_spare(line, count, value)
+        set_word(line, 1, count + 1)
+    else:
+        set_word(line, 3, 1)
 
 
 @overload_method(Line, "added")
 def _added(line: Any) -> Any:
-    def added(line: Any) -> Any:
-        count = len(line)
-        if count < word(line, 2):
-            set_word(line, 1, count + 1)
-        else:
-            set_word(line, 3, 1)
-        return spare(line, count)  # the spare entry if the queue overruns
-
-    return added
+    count = len(line)
+    if count < word(line, 2):
+        set_word(line, 1, count + 1)
+    else:
+        set_word(line, 3, 1)
+    return spare(line, count)  # the spare entry if the queue overruns
 
 
 @overload_method(Line, "pop")
 def _pop(line: Any) -> Any:
-    def pop(line: Any) -> Any:
-        last = len(line) - 1
-        set_word(line, 1, last)
-        return spare(line, last)
-
-    return pop
+    last = len(line) - 1
+    set_word(line, 1, last)
+    return spare(line, last)
 
 
 @overload_method(Line, "space")
 def _space(line: Any, entries: Any) -> Any:
-    def space(line: Any, entries: Any) -> Any:
-        return place_of(line), word(line, 2)
-
-    return space
+    return place_of(line), word(line, 2)
 
 
 @overload_method(Line, "fill")
-def _fill(line: Any, entries: Any, count: Any) -> Any:
-    def fill(line: Any, entries: Any, count: Any) -> None:
-        if count > word(line, 2):
-            set_word(line, 3, 1)
-            count = word(line, 2)
-        set_word(line, 1, count)
-
-    return fill
+def _fill(line: Any, entries: Any, count: Any) -> None:
+    if count > word(line, 2):
+        set_word(line, 3, 1)
+        count = word(line, 2)
+    set_word(line, 1, count)
 
 
-@overload_method(Line, "take")
+@overload_method(Line, "take", by_types=True)
 def _take(line: Any, entries: Any, first: Any, count: Any) -> Any:
     width = width_of(line.of)
 
@@ -180,52 +165,37 @@ def _take(line: Any, entries: Any, first: Any, count: Any) -> Any:
 
 
 @overload_method(Line, "clear")
-def _clear(line: Any) -> Any:
-    def clear(line: Any) -> None:
-        set_word(line, 1, 0)
-
-    return clear
+def _clear(line: Any) -> None:
+    set_word(line, 1, 0)
 
 
 @overload_method(Line, "insert")
-def _insert(line: Any, place: Any, value: Any) -> Any:
-    def insert(line: Any, place: Any, value: Any) -> None:
-        count = len(line)
-        if count < word(line, 2):
-            for k in range(count, place, -1):
-                set_spare(line, k, spare(line, k - 1))
-            set_spare(line, place, value)
-            set_word(line, 1, count + 1)
-        else:
-            set_word(line, 3, 1)
-
-    return insert
+def _insert(line: Any, place: Any, value: Any) -> None:
+    count = len(line)
+    if count < word(line, 2):
+        for k in range(count, place, -1):
+            set_spare(line, k, spare(line, k - 1))
+        set_spare(line, place, value)
+        set_word(line, 1, count + 1)
+    else:
+        set_word(line, 3, 1)
 
 
 @overload_method(Line, "remove")
-def _remove(line: Any, value: Any) -> Any:
-    def remove(line: Any, value: Any) -> None:
-        place, last = 0, len(line) - 1
-        while spare(line, place) != value:
-            place += 1
-        for k in range(place, last):
-            set_spare(line, k, spare(line, k + 1))
-        set_word(line, 1, last)
-
-    return remove
+def _remove(line: Any, value: Any) -> None:
+    place, last = 0, len(line) - 1
+    while spare(line, place) != value:
+        place += 1
+    for k in range(place, last):
+        set_spare(line, k, spare(line, k + 1))
+    set_word(line, 1, last)
 
 
 @overload_attribute(Line, "overrun")
 def _overrun(line: Any) -> Any:
-    def overrun(line: Any) -> Any:
-        return word(line, 3)
-
-    return overrun
+    return word(line, 3)
 
 
 @overload_attribute(Line, "buffer")
 def _buffer(line: Any) -> Any:
-    def buffer(line: Any) -> Any:
-        return word(line, 2)
-
-    return buffer
+    return word(line, 2)

@@ -65,27 +65,18 @@ _called, _called_for_int, _called_for_float = _caller(types.none), _caller(I64),
 
 
 @overload(call)
-def _of_call(function: Any, arguments: Any) -> Any:
-    def called(function: Any, arguments: Any) -> None:
-        _called(function, arguments)
-
-    return called
+def _of_call(function: Any, arguments: Any) -> None:
+    _called(function, arguments)
 
 
 @overload(call_for_int)
 def _of_call_for_int(function: Any, arguments: Any) -> Any:
-    def called(function: Any, arguments: Any) -> Any:
-        return _called_for_int(function, arguments)
-
-    return called
+    return _called_for_int(function, arguments)
 
 
 @overload(call_for_float)
 def _of_call_for_float(function: Any, arguments: Any) -> Any:
-    def called(function: Any, arguments: Any) -> Any:
-        return _called_for_float(function, arguments)
-
-    return called
+    return _called_for_float(function, arguments)
 
 
 def address_of(kernel: Any, *classes: Any, owner: str = "") -> int:
@@ -133,10 +124,7 @@ place_of: Any = intrinsic(_place_of)
 
 @overload(address)
 def _of_address(one: Any) -> Any:
-    def row_at(one: Any) -> Any:
-        return place_of(one)
-
-    return row_at
+    return place_of(one)
 
 
 def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:

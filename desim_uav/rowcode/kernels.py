@@ -128,11 +128,7 @@ def apart(function: F) -> F:
 
 
 def stands_in_for(function: Any) -> Callable[[F], F]:
-    """Return a decorator that replaces a function in compiled code.
-
-    The decorated function takes the same arguments as ``function`` and returns its replacement.
-    Both are annotated alike, as Numba requires, although the former is given Numba's types.
-    """
+    """Return a decorator of the function that compiled code calls in place of another one."""
 
     def stand_in(implementation: F) -> F:
         STANDS_IN[function] = cast(FunctionType, implementation)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import signature
 from typing import Any
 
 from numba import extending
@@ -30,31 +31,30 @@ CHECK: dict[str, Any] = {"boundscheck": True}
 """What is added to the options of code of one's own, whose indices of arrays are checked."""
 
 
-def overload(function: Any) -> Callable[[Any], Any]:
-    """Return Numba's decorator of that name, for functions that only kernels call."""
-    return _shared(extending.overload, function, jit_options=INNER)
+def overload(function: Any, by_types: bool = False, **options: Any) -> Callable[[Any], Any]:
+    """Return a decorator of what compiled code calls in place of a function, inlined.
+
+    If ``by_types``, the decorated function returns it, or None, given the types of the arguments.
+    """
+    return _shared(extending.overload, by_types, function, **options)
 
 
-def overload_of_any(function: Any) -> Callable[[Any], Any]:
-    """Return the same decorator for what takes any arguments and is not inlined."""
-    options = {**INNER, "forceinline": False}
-    return _shared(extending.overload, function, jit_options=options, strict=False)
-
-
-def overload_method(kind: Any, name: str) -> Callable[[Any], Any]:
-    """Return Numba's decorator of that name, for functions that only kernels call."""
-    return _shared(extending.overload_method, kind, name, jit_options=INNER)
+def overload_method(kind: Any, name: str, by_types: bool = False) -> Callable[[Any], Any]:
+    """Return a decorator, as ``overload``, of a method of a type of compiled code."""
+    return _shared(extending.overload_method, by_types, kind, name)
 
 
 def overload_attribute(kind: Any, name: str) -> Callable[[Any], Any]:
-    """Return Numba's decorator of that name, for functions that only kernels call."""
-    return _shared(extending.overload_attribute, kind, name, jit_options=INNER)
+    """Return a decorator, as ``overload``, of an attribute of a type of compiled code."""
+    return _shared(extending.overload_attribute, False, kind, name)
 
 
-def _shared(maker: Any, *of: Any, **options: Any) -> Callable[[Any], Any]:
+def _shared(maker: Any, by_types: bool, *of: Any, **options: Any) -> Callable[[Any], Any]:
     def decorate(implementation: Any) -> Any:
-        result = maker(*of, **options)(implementation)
+        typed: Any = implementation if by_types else lambda *types: implementation
+        typed.__signature__ = signature(implementation)
+        maker(*of, jit_options={**INNER, **options})(typed)
         share_last()
-        return result
+        return implementation
 
     return decorate

@@ -285,9 +285,9 @@ def bounded(table: Any) -> Any:
 
 
 @cache
-def named(cls: type[Row]) -> Any:
-    """Return a class of tuples with the fields of a row."""
-    return namedtuple(cls.__name__, list(cls.kinds))
+def named(cls: type[Row], *more: str) -> Any:
+    """Return a class of tuples with the fields of a row, and more."""
+    return namedtuple(cls.__name__, [*cls.kinds, *more])
 
 
 @cache

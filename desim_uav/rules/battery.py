@@ -35,21 +35,9 @@ def capacity_of(world: Constants, drone: Drone) -> int:
 
 
 @rule
-def full_of(world: Constants, drone: Drone) -> int:
-    """Return the charge at which a drone's battery counts as full."""
-    return world.types[drone.type].full
-
-
-@rule
 def drain_per_s_of(world: Constants, drone: Drone) -> int:
     """Return the charge that a second of hovering takes."""
     return world.types[drone.type].drain_per_s
-
-
-@rule
-def return_below_of(world: Constants, drone: Drone) -> int:
-    """Return the charge at or below which a drone may return to a station."""
-    return world.types[drone.type].return_charge
 
 
 # ---- the charge

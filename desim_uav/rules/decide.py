@@ -8,9 +8,8 @@ from desim_uav.rules import words
 from desim_uav.rules.battery import (
     battery_now,
     count_charge,
-    full_of,
     is_limited,
-    return_below_of,
+    type_of,
 )
 from desim_uav.rules.charging import land, on_full
 from desim_uav.rules.flight import (
@@ -115,10 +114,9 @@ def allow(world: Constants, state: State) -> None:
         drone, observation = state.drones[d], state.observations[d]
         before = observation.elapsed_us if observation.forced and state.step > 0 else 0
         observation.elapsed_us = before + state.now_us - state.epoch_us
-        charge = observation.charge
-        limited = is_limited(world, drone)
-        may_return = limited and charge <= return_below_of(world, drone)
-        is_full = charge >= full_of(world, drone)
+        own, charge = type_of(world, drone), observation.charge
+        may_return = own.limited != 0 and charge <= own.return_charge
+        is_full = charge >= own.full
         if world.by_event and is_full:
             may_return = False  # at a station it would be asked again at once, without end
         if may_return and drone.off_grid:

@@ -13,6 +13,7 @@ from desim_uav.model.geometry.roads import Roads, way_home
 from desim_uav.model.motion.flight import chosen_mps, no_faster, step_leg
 from desim_uav.model.motion.legs import FreeLeg, LegBounds, direction, leg_between
 from desim_uav.model.motion.limits import Limits, Wind, wind_along
+from desim_uav.model.motion.motion import TRAPEZOID, trapezoid
 from desim_uav.model.motion.space import Ways
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import US
@@ -115,7 +116,7 @@ def bounds_of(world: Constants, drone: Drone) -> LegBounds:
 
 @rule
 def write_flight(flight: TransitRow, leg: FreeLeg, wind: Wind) -> None:
-    """Write a leg in wind as a transit, with the numbers of ``motion.write_trapezoid``."""
+    """Write a leg in wind as a transit."""
     flight.duration_us, flight.distance_m = leg.duration_us, float(leg.distance_m)
     flight.rises = flight.tail_mps = flight.side_mps = 0.0
     if leg.distance_m > 0.0:
@@ -123,23 +124,12 @@ def write_flight(flight: TransitRow, leg: FreeLeg, wind: Wind) -> None:
         flight.rises = float((z1 - z0) / leg.distance_m)
         ahead, _ = direction((x0, y0, z0), (x1, y1, z1))
         flight.tail_mps, flight.side_mps = wind_along(wind, ahead)
-        ramp_s = leg.speed_mps / leg.acceleration_mps2
-        ramp_m = leg.speed_mps * ramp_s / 2.0
-        _write(flight, 0, 0.0, 0.0, 0.0, leg.acceleration_mps2)
-        _write(flight, 1, ramp_s, ramp_m, leg.speed_mps, 0.0)
-        braking = -leg.acceleration_mps2
-        ends_s, ends_m = leg.duration_s, leg.distance_m
-        _write(flight, 2, ends_s - ramp_s, ends_m - ramp_m, leg.speed_mps, braking)
-        _write(flight, 3, ends_s, ends_m, 0.0, 0.0)
-
-
-@rule
-def _write(
-    flight: TransitRow, k: int, start: float, flown: float, speed: float, pull: float
-) -> None:
-    piece = flight.pieces[k]
-    piece.start_s, piece.from_m = float(start), float(flown)
-    piece.speed_mps, piece.acceleration_mps2 = float(speed), float(pull)
+        pieces = trapezoid(leg.distance_m, leg.speed_mps, leg.acceleration_mps2, leg.duration_s)
+        for k in range(TRAPEZOID):
+            own, piece = pieces[k], flight.pieces[k]
+            piece.start_s, piece.from_m = float(own.start_s), float(own.from_m)
+            piece.speed_mps = float(own.speed_mps)
+            piece.acceleration_mps2 = float(own.acceleration_mps2)
 
 
 @rule

@@ -313,7 +313,7 @@ def _log_request(world: Constants, state: State, request: Request) -> None:
     """Log a request that is closed now, if requests are logged."""
     if state.keeps_requests:
         closed = state.closed.added()
-        closed.number = request.number
+        closed.request_id = request.number
         closed.user = request.user
         closed.service = request.service
         closed.stage = request.stage

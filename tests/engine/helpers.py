@@ -11,7 +11,6 @@ import numpy as np
 from hypothesis import strategies as st
 
 from desim_uav import sample_path
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import ClosedRequest, EpisodeLog, Event, RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
@@ -24,6 +23,7 @@ from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.audit.invariants import audit
 from tests.engine.replay import check_log
 
 US = 1_000_000

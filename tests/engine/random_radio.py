@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.sample_path import draw
 from desim_uav.world import World
+from tests.audit.invariants import audit
 from tests.engine.helpers import some_command
 from tests.engine.random_parts import Dice, accepted
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from desim_uav import UavEnv
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
 from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.engine.des import Simulation
@@ -25,6 +24,7 @@ from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.audit.invariants import audit
 from tests.engine import random_all
 from tests.engine.helpers import (
     HOP_US,

@@ -15,7 +15,6 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import Carried, CarriedDrone, EpisodeLog, RunSettings, Step
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, SimulationError
@@ -25,6 +24,7 @@ from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
+from tests.audit.invariants import audit
 from tests.engine.helpers import (
     HOP_US,
     US,

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import HealthCheck, assume, event, given, settings
 from hypothesis import strategies as st
 
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError
@@ -24,6 +23,7 @@ from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.audit.invariants import audit
 from tests.engine.helpers import US, check_log, count, scenarios, some_command
 from tests.selection import by_default
 

@@ -14,7 +14,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import EpisodeLog, FlownLeg, RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
@@ -25,6 +24,7 @@ from desim_uav.model.rules import Mode
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, loads, scenario_hash
 from desim_uav.world import World, build_world
+from tests.audit.invariants import audit
 from tests.engine.helpers import (
     HOVER_WH,
     US,

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from desim_uav.engine.audit import audit
 from desim_uav.experiment import tables
 from desim_uav.model.energy.charging import RowCharging
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.rules import Action, Mode
+from tests.audit.invariants import audit
 from tests.engine.helpers import HOP_US, US, Flight, fly, in_3d, path_of, seen, strip
 from tests.model.energy.test_rotary_wing import sampled_j
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.rules import association, settle
@@ -18,6 +17,7 @@ from desim_uav.rules.words import ON_ATTACH
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.audit.invariants import audit
 from tests.engine.helpers import US, before_end, events, fly, path_of, seen
 
 A3 = {"kind": "a3", "hysteresis_db": 0, "time_to_trigger_ms": 2000}

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from desim_uav.engine.audit import audit
 from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
@@ -17,6 +16,7 @@ from desim_uav.model.rules import Action
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.audit.invariants import audit
 from tests.engine.helpers import before_end, events, fly, path_of, seen, some_command
 from tests.engine.towns import RADIO, WORLDS, told, town
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import pytest
 
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, SimulationError
@@ -16,6 +15,7 @@ from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.audit.invariants import audit
 
 
 def world_of(**keys):

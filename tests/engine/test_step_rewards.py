@@ -13,7 +13,6 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import RunSettings, Step
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, SimulationError
@@ -24,6 +23,7 @@ from desim_uav.model.sums import in_order
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.audit.invariants import audit
 from tests.engine.helpers import (
     Flight,
     column,

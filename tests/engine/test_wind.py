@@ -11,7 +11,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from desim_uav.engine.audit import audit
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError
@@ -22,6 +21,7 @@ from desim_uav.report.figures.energy import legs_j
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, loads, scenario_hash
 from desim_uav.world import World, build_world
+from tests.audit.invariants import audit
 from tests.engine.helpers import US, Flight, events, fly, in_3d, path_of, scenarios, seen, strip
 from tests.model.energy.test_propulsion import power_w
 from tests.verification.engines import differences, engines

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from desim_uav.engine.audit import audit
-from desim_uav.engine.audit_sight import draws_of
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment.run import play
@@ -25,6 +23,8 @@ from desim_uav.policies.planning.inner import InnerEngine
 from desim_uav.policies.planning.links import seen_links
 from desim_uav.policies.rollout import Rollout
 from desim_uav.sample_path import draw
+from tests.audit.invariants import audit
+from tests.audit.sight import draws_of
 from tests.engine.helpers import before_end, some_command
 from tests.engine.towns import WORLDS, told, town
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.geometry.coverage import LEG, leg_near, walked
 from desim_uav.model.mobility.walks import LEG_COLUMNS
@@ -68,44 +66,38 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
 
 
 @stands_in_for(hand_on_pads)
-def _hand_on_pads(world: Constants, state: State, station: int) -> Any:
-    def hand_on(world: Constants, state: State, station: int) -> None:
-        queue, k = state.stations[station].queue, 0
-        while k < min(len(queue), world.pads):
-            drone = state.drones[queue[k]]
-            k += 1
-            if drone.mode == QUEUED:
-                phase = begin_charging(world, state, drone, station)
-                if not await_full(world, state, drone):
-                    end_charging(world, state, drone, station, phase)
-                    k = 0
-
-    return hand_on
+def _hand_on_pads(world: Constants, state: State, station: int) -> None:
+    queue, k = state.stations[station].queue, 0
+    while k < min(len(queue), world.pads):
+        drone = state.drones[queue[k]]
+        k += 1
+        if drone.mode == QUEUED:
+            phase = begin_charging(world, state, drone, station)
+            if not await_full(world, state, drone):
+                end_charging(world, state, drone, station, phase)
+                k = 0
 
 
 @stands_in_for(find_users)
-def _find_users(world: Constants, path: Path, state: State) -> Any:
-    def find(world: Constants, path: Path, state: State) -> None:
-        look, now_us, count = state.look, state.now_us, len(state.users)
-        if look.stand and state.step > 0:
-            return  # all users still are where they were
-        know_walks(world, path, state, now_us, now_us)
-        if path.stepwise:
-            if look.walking.lost:
-                state.faults |= LOST
-                return
-            rows, begins = look.walking.legs, look.walking.legs_at
-        else:
-            rows, begins = path.legs, path.legs_at
-        legs, seen = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)), state.sky.seen
-        for user in range(count):
-            begin, stop = begins[user], begins[user + 1]
-            if stop > begin:  # else there was no memory for the user's legs
-                guess = stop - 1 if path.stepwise else begin + int(seen[LEG * count + user])
-                leg = leg_near(legs, begin, stop, now_us, guess)
-                state.spots[user].x_m, state.spots[user].y_m = walked(legs, leg, now_us)
-
-    return find
+def _find_users(world: Constants, path: Path, state: State) -> None:
+    look, now_us, count = state.look, state.now_us, len(state.users)
+    if look.stand and state.step > 0:
+        return  # all users still are where they were
+    know_walks(world, path, state, now_us, now_us)
+    if path.stepwise:
+        if look.walking.lost:
+            state.faults |= LOST
+            return
+        rows, begins = look.walking.legs, look.walking.legs_at
+    else:
+        rows, begins = path.legs, path.legs_at
+    legs, seen = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)), state.sky.seen
+    for user in range(count):
+        begin, stop = begins[user], begins[user + 1]
+        if stop > begin:  # else there was no memory for the user's legs
+            guess = stop - 1 if path.stepwise else begin + int(seen[LEG * count + user])
+            leg = leg_near(legs, begin, stop, now_us, guess)
+            state.spots[user].x_m, state.spots[user].y_m = walked(legs, leg, now_us)
 
 
 @rule

@@ -115,13 +115,8 @@ class Fixed(Unchanging):
 
     def __setstate__(self, value: dict[str, Any]) -> None:
         """Restore the constants from a pickle, with the addresses of this process."""
-        object.__setattr__(self, "block", owned(value["block"]))
-        object.__setattr__(self, "components", value["components"])
-        object.__setattr__(self, "types", value["types"])
-        object.__setattr__(self, "radios", value["radios"])
-        object.__setattr__(self, "services", value["services"])
-        object.__setattr__(self, "graded", value["graded"])
-        object.__setattr__(self, "in_air", value["in_air"])
+        for name, one in value.items():
+            object.__setattr__(self, name, owned(one) if name == "block" else one)
         self.__post_init__()
 
 

@@ -39,14 +39,11 @@ def tournaments(slots: int, crossings: int, senders: int) -> NDArray[np.int64]:
 
 
 @stands_in_for(seam.nothing_due)
-def _nothing_due(state: State) -> Any:
-    def clear(state: State) -> None:
-        # All are equal then, so that those who have won before are winners still.
-        for slot in range(len(state.slot_times)):
-            state.slot_times[slot] = NEVER
-            state.slot_keys[slot] = 0
-
-    return clear
+def _nothing_due(state: State) -> None:
+    # All are equal then, so that those who have won before are winners still.
+    for slot in range(len(state.slot_times)):
+        state.slot_times[slot] = NEVER
+        state.slot_keys[slot] = 0
 
 
 @rule
@@ -91,39 +88,27 @@ def _winner(state: State, slot: int, t_us: int, key: int, other: int) -> tuple[i
 
 
 @stands_in_for(seam.due)
-def _due(state: State, slot: int, t_us: int, key: int) -> Any:
-    def due(state: State, slot: int, t_us: int, key: int) -> None:
-        state.slot_times[slot] = t_us
-        state.slot_keys[slot] = key
-        _meet(state, slot)
-
-    return due
+def _due(state: State, slot: int, t_us: int, key: int) -> None:
+    state.slot_times[slot] = t_us
+    state.slot_keys[slot] = key
+    _meet(state, slot)
 
 
 @stands_in_for(seam.undo)
-def _undo(state: State, slot: int) -> Any:
-    def undo(state: State, slot: int) -> None:
-        if state.slot_times[slot] != NEVER:
-            state.slot_times[slot] = NEVER
-            _meet(state, slot)
-
-    return undo
+def _undo(state: State, slot: int) -> None:
+    if state.slot_times[slot] != NEVER:
+        state.slot_times[slot] = NEVER
+        _meet(state, slot)
 
 
 @stands_in_for(seam.run_until)
-def _run_until(state: State, t_us: int, key: int) -> Any:
-    def run_until(state: State, t_us: int, key: int) -> None:
-        pass  # the loop reads ``next_us``
-
-    return run_until
+def _run_until(state: State, t_us: int, key: int) -> None:
+    pass  # the loop reads ``next_us``
 
 
 @stands_in_for(seam.nothing_before)
 def _nothing_before(state: State, key: int) -> Any:
-    def nothing_before(state: State, key: int) -> Any:
-        return not is_before(state, next_slot(state), state.now_us, key + 1)
-
-    return nothing_before
+    return not is_before(state, next_slot(state), state.now_us, key + 1)
 
 
 @rule

@@ -51,10 +51,12 @@ class Skies:
         constants.meet, constants.least_m = meet, least_m
         constants.better_us = links.better_us
         of_rings = foresee_rings if self.world.graded else foresee_discs
-        constants.foresee = self._with_changes(of_rings, state)
-        constants.foresee_in_air = self._with_changes(links.foresee_in_air, state)
-        constants.foresee_all = self._with_all_changes(state)
-        constants.mark = self._with_marks(state)
+        constants.foresee = self._with_room(of_rings, state, self._for_changes)
+        for name in ("foresee_in_air", "foresee_all"):
+            setattr(
+                constants, name, self._with_room(getattr(links, name), state, self._for_changes)
+            )
+        constants.mark = self._with_room(links.mark, state, self._for_marks)
         for row, own in zip(constants.scene.radios, self.world.links, strict=True):
             if own.in_air:
                 loss = compiled_loss(own.radio.path_loss, float(own.radio.carrier_ghz))
@@ -65,46 +67,34 @@ class Skies:
                     row.p_los = chance.p_los
                     self._kept.append(chance)
 
-    def _with_changes(self, kernel: Any, state: Callable[[], Any]) -> Callable[..., int]:
-        """Return a kernel that writes the changes of a leg, and finds room for all of them."""
+    def _with_room(
+        self, kernel: Any, state: Callable[[], Any], larger: Callable[[int], Room | None]
+    ) -> Callable[..., int]:
+        """Return a kernel that is called again until its result asks for no ``larger`` room."""
 
-        def foresee(scene: int, sky: int, out: int, room: int, *others: int) -> int:
-            room = min(room, self._room.changes)  # the table may be that of all senders
-            count: int = kernel(scene, sky, out, room, *others)
-            while count > room:
-                self._enlarge(state(), self._room._replace(changes=2 * count))
-                changes = state().sky.changes
-                out, room = changes.address, self._room.changes
-                count = kernel(scene, address(state().sky), out, room, *others)
-            return count
-
-        return foresee
-
-    def _with_all_changes(self, state: Callable[[], Any]) -> Callable[..., int]:
-        """Return the kernel that writes the changes of all legs, and finds room for all of them."""
-
-        def foresee(scene: int, sky: int, *others: int) -> int:
-            most: int = links.foresee_all(scene, sky, *others)
-            while most > self._room.changes:
-                self._enlarge(state(), self._room._replace(changes=2 * most))
-                most = links.foresee_all(scene, address(state().sky), *others)
-            return most
-
-        return foresee
-
-    def _with_marks(self, state: Callable[[], Any]) -> Callable[..., int]:
-        """Return the kernel that makes marks, which finds room for all of them."""
-
-        def mark(scene: int, sky: int, *others: int) -> int:
-            lacking = links.mark(scene, sky, *others)
-            while lacking != 0:
-                room = self._room
-                if lacking < 0:
-                    room = room._replace(stretches=max(2 * room.stretches, -lacking))
-                else:
-                    room = room._replace(marks=max(2 * room.marks, lacking))
+        def call(scene: int, sky: int, *others: int) -> int:
+            result: int = kernel(scene, sky, *others)
+            while (room := larger(result)) is not None:
                 self._enlarge(state(), room)
-                lacking = links.mark(scene, address(state().sky), *others)
-            return 0
+                own = state().sky
+                if kernel in LISTS:
+                    others = (own.changes.address, room.changes, *others[2:])
+                result = kernel(scene, address(own), *others)
+            return result
 
-        return mark
+        return call
+
+    def _for_changes(self, count: int) -> Room | None:
+        """Return room for so many changes on a leg, or None if there is enough."""
+        return self._room._replace(changes=2 * count) if count > self._room.changes else None
+
+    def _for_marks(self, lacking: int) -> Room | None:
+        """Return room for what ``mark`` lacks, or None if that is nothing."""
+        room = self._room
+        if lacking < 0:
+            return room._replace(stretches=max(2 * room.stretches, -lacking))
+        return room._replace(marks=max(2 * room.marks, lacking)) if lacking > 0 else None
+
+
+LISTS = (foresee_discs, foresee_rings, links.foresee_in_air)
+"""The kernels that are given memory for the changes on one leg: its address, and its size."""

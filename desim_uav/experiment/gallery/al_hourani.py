@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 
+from desim_uav.experiment.gallery.best_altitude import best_coverage, optimal_elevation_deg
 from desim_uav.experiment.gallery.row import GalleryRow, evaluated
-from desim_uav.model.radio.best_altitude import best_coverage, optimal_elevation_deg
 from desim_uav.model.radio.path_loss import ENVIRONMENTS, AlHourani
 from desim_uav.model.radio.rings import ring_m
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.experiment.gallery.best_altitude import optimal_elevation_deg
 from desim_uav.experiment.gallery.row import GalleryRow
-from desim_uav.model.radio.best_altitude import optimal_elevation_deg
 from desim_uav.model.radio.path_loss import AlHourani
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from desim_uav.experiment.gallery.row import GalleryRow, evaluated
-from desim_uav.model.radio.three_gpp import SCENARIOS
+from desim_uav.experiment.gallery.three_gpp import SCENARIOS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

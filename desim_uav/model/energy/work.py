@@ -12,10 +12,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from desim_uav.model.motion.limits import Wind
-from desim_uav.model.radio.tracks import Point
-from desim_uav.rowcode.compiled_rows import call_for_float
-from desim_uav.rowcode.kernels import kernel, rare_rule, rule
+from desim_uav.rowcode.kernels import rare_rule, rule
 
 Power = Callable[[Any, float], float]
 """A rule that returns the power of a drone in watts, given its parameters and its air speed."""
@@ -38,39 +35,6 @@ WEIGHTS = (
 
 LEAST_MPS = 1e-3
 """The shortest piece of u at u = 0: there a side wind that is weaker than this is not resolved."""
-
-
-@kernel
-def energy_j(
-    power: int,
-    values: int,
-    wind: Wind,
-    ahead: Point,
-    speeds_mps: tuple[float, float],
-    lasts_s: float,
-    smooth_mps: float,
-) -> float:
-    """Return the energy of a piece in which the ground speed changes evenly, in joules.
-
-    ``power`` is the address of a kernel that returns the power in watts, given ``values`` (the
-    address of its parameters) and the air speed V in m/s (``compiled_rows.call_for_float``).
-    ``speeds_mps`` are the ground speeds at the start and at the end. For the rest see
-    ``speeding_in_wind_j``.
-    """
-    level = math.sqrt(ahead[0] * ahead[0] + ahead[1] * ahead[1])
-    tail, side = 0.0, math.sqrt(wind[0] * wind[0] + wind[1] * wind[1])
-    if level > 0.0:
-        tail = (wind[0] * ahead[0] + wind[1] * ahead[1]) / level
-        side = abs(wind[0] * ahead[1] - wind[1] * ahead[0]) / level
-    first, last = level * speeds_mps[0] - tail, level * speeds_mps[1] - tail
-    own = (power, values)
-    return speeding_in_wind_j(_by_address, own, side, first, last, lasts_s, smooth_mps)
-
-
-@rule
-def _by_address(own: tuple[int, int], speed_mps: float) -> float:
-    power, values = own
-    return float(call_for_float(power, (values, speed_mps)))
 
 
 @rule

@@ -74,14 +74,6 @@ def roads(
     return Roads(nodes_m, lengths_m, following, float(altitude_m))
 
 
-def bands(prisms: Prisms, lowest_m: float, highest_m: float) -> NDArray[np.float64]:
-    """Return altitudes, one in each range in which the same obstacles stand in the way, rising."""
-    limits = prisms.heights_m.ravel()
-    inside = limits[(limits > lowest_m) & (limits < highest_m)]
-    edges = np.unique(np.concatenate([[lowest_m, highest_m], inside]))
-    return edges if len(edges) == 1 else 0.5 * (edges[:-1] + edges[1:])
-
-
 def corners_at(prisms: Prisms, altitude_m: float, size_m: tuple[float, float]) -> NDArray[np.int64]:
     """Return the corners on the map of obstacles at an altitude that no other obstacle covers."""
     bottom, top = prisms.heights_m.T
@@ -173,19 +165,6 @@ def _grow_tree(
                 lengths_m[k], following[k] = through, node
 
 
-@kernel
-def way_to(
-    prisms: Prisms, ways: Roads, station: int, x: float, y: float, away_m: NDArray[np.float64]
-) -> tuple[int, float]:
-    """Return the first node of the shortest way from a place to a station, and the way's length.
-
-    The node is -1 and the length inf if there is no way. The rest of the way is ``following``.
-    ``away_m`` (nodes,) is memory.
-    """
-    _look(ways, x, y, away_m)
-    return _first_seen(prisms, ways, station, x, y, away_m)
-
-
 @part
 def _look(ways: Roads, x: float, y: float, away_m: NDArray[np.float64]) -> None:
     """Write how far all nodes are from a place."""
@@ -198,7 +177,10 @@ def _look(ways: Roads, x: float, y: float, away_m: NDArray[np.float64]) -> None:
 def _first_seen(
     prisms: Prisms, ways: Roads, station: int, x: float, y: float, away_m: NDArray[np.float64]
 ) -> tuple[int, float]:
-    """Return what ``way_to`` does, after ``_look``.
+    """Return the first node of the shortest way from a place to a station, and the way's length.
+
+    The node is -1 and the length inf if there is no way. The rest of the way is ``following``.
+    ``away_m`` (nodes,) has how far all nodes are from the place (``_look``).
 
     Nodes are tried in the order of the lengths of the ways over them, so the first one that can be
     seen is on a shortest way. Of equally long ways, that with the longest line to its first node is
@@ -231,32 +213,6 @@ def _sees(prisms: Prisms, ways: Roads, x: float, y: float, node: int) -> bool:
     return bool(first_entry(prisms, here, there) == np.inf)
 
 
-@maker
-def times_along(ways: Roads, limits: Limits, wind: Wind, cruise_mps: float) -> NDArray[np.int64]:
-    """Return how long it takes from each node to each station, in µs: (stations, nodes).
-
-    Each line of a way is a leg of its own, rest to rest in minimum time. The time is -1 where there
-    is no way, or where the wind is too strong.
-    """
-    stations, count = ways.lengths_m.shape
-    times_us = np.full((stations, count), -1, np.int64)
-    for station in range(stations):
-        for k in range(count):
-            node, total = k, 0
-            if ways.lengths_m[station, node] == np.inf:
-                continue
-            while node != station:
-                ahead = ways.following[station, node]
-                leg = leg_between(limits, wind, cruise_mps, _at(ways, node), _at(ways, ahead))
-                if leg.duration_us < 0:
-                    total = -1
-                    break
-                total += leg.duration_us
-                node = ahead
-            times_us[station, k] = total
-    return times_us
-
-
 @part
 def _at(ways: Roads, node: int) -> Point:
     return ways.nodes_m[node, 0], ways.nodes_m[node, 1], ways.altitude_m
@@ -276,9 +232,10 @@ def way_home(
 ) -> tuple[int, int, int]:
     """Return the station that is reached first, the first node of the way, and the time in µs.
 
-    To each station the drone takes the shortest way, in minimum time (``times_along``). Of stations
-    that are reached at the same time, that with the lowest number is taken; if none is reached, all
-    three numbers are -1. ``away_m`` (nodes,) is memory.
+    To each station the drone takes the shortest way, in minimum time; ``times_us`` (stations,
+    nodes) is that from each node, or -1. Of stations that are reached at the same time, that with
+    the lowest number is taken; if none is reached, all three numbers are -1. ``away_m`` (nodes,) is
+    memory.
     """
     _look(ways, x, y, away_m)
     best, first, soonest = -1, -1, -1
@@ -293,15 +250,3 @@ def way_home(
         if best < 0 or total < soonest:
             best, first, soonest = station, node, total
     return best, first, soonest
-
-
-def whole_way(prisms: Prisms, ways: Roads, station: int, x: float, y: float) -> NDArray[np.float64]:
-    """Return the places on the shortest way to a station, with both ends: (places, 2); or none."""
-    node, _ = way_to(prisms, ways, station, x, y, np.empty(len(ways.nodes_m)))
-    if node < 0:
-        return np.empty((0, 2))
-    places = [(x, y), tuple(ways.nodes_m[node])]
-    while node != station:
-        node = int(ways.following[station, node])
-        places.append(tuple(ways.nodes_m[node]))
-    return np.array(places)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
@@ -103,10 +103,6 @@ class GaussMarkov(RowMobility):
             walker.side_x = -walker.side_x
         if walker.vy_mps * vy_mps < 0.0:
             walker.side_y = -walker.side_y
-
-    def from_here(self) -> GaussMarkov:
-        """Return the model with users who begin at given places."""
-        return replace(self, start="home")
 
     @property
     def mean_speed_mps(self) -> float:

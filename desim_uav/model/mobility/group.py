@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
@@ -150,10 +150,6 @@ class Group(RowMobility):
         x_m = inside(x_m + self.radius_m * x, 0.0, area.width_m)
         y_m = inside(y_m + self.radius_m * y, 0.0, area.depth_m)
         go_until(walker, x_m, y_m, end_us)
-
-    def from_here(self) -> Group:
-        """Return the model with users who begin at given places."""
-        return replace(self, start="home")
 
     @property
     def mean_speed_mps(self) -> float:

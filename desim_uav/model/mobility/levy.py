@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
@@ -97,10 +97,6 @@ class Levy(RowMobility):
             stay(walker, walker.until_us)
         else:
             go_on(walker, area, walker.until_us)
-
-    def from_here(self) -> Levy:
-        """Return the model with users who begin at given places."""
-        return replace(self, start="home")
 
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
         """Return the mean number of legs of all users: flights, pauses, and edges that are met."""

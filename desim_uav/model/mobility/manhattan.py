@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -115,10 +115,6 @@ class Manhattan(RowMobility):
         x_m, walker.east = next_line_m(walker.x_m, walker.east, columns, area.width_m)
         y_m, walker.north = next_line_m(walker.y_m, walker.north, rows, area.depth_m)
         go_to(walker, x_m, y_m, speed_mps)
-
-    def from_here(self) -> Manhattan:
-        """Return the model with users who begin at given places."""
-        return replace(self, start="home")
 
     @property
     def mean_speed_mps(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
@@ -94,10 +94,6 @@ class RandomWaypoint(RowMobility):
             go_to(walker, x_m, y_m, between(stream, self.speed_mps[0], self.speed_mps[1]))
         if doing in (GOES, FIRST_WALK) and self.pause_s[1] > 0.0:
             walker.next = PAUSES
-
-    def from_here(self) -> RandomWaypoint:
-        """Return the model with users who begin at given places."""
-        return replace(self, start="home")
 
     @property
     def mean_speed_mps(self) -> float:

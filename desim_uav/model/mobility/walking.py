@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, ClassVar, Literal
 
@@ -104,9 +104,11 @@ class RowMobility:
     def from_here(self) -> RowMobility:
         """Return this model as it goes on for users who are at given places ("homes").
 
-        A model that chooses itself where users begin returns one that begins at their homes.
+        A model with a field ``start``, which says where users begin, begins at their homes.
         """
-        return self
+        own: Any = self
+        at_home: RowMobility = replace(own, start="home") if hasattr(own, "start") else own
+        return at_home
 
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
         """Return an estimate of all users' legs in this time; by default one each ten seconds."""

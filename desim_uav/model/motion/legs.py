@@ -17,8 +17,7 @@ from desim_uav.model.motion.motion import (
     ACCELERATION,
     TRAPEZOID,
     fastest,
-    travelled,
-    write_trapezoid,
+    trapezoid,
 )
 from desim_uav.model.radio.tracks import Point
 from desim_uav.rowcode.kernels import kernel, part
@@ -102,18 +101,11 @@ def write_profile(leg: FreeLeg, profile: Profile) -> int:
         for column in range(ACCELERATION + 1):
             profile[0, column] = 0.0
         return 1
-    write_trapezoid(profile, leg.distance_m, leg.speed_mps, leg.acceleration_mps2, leg.duration_s)
+    pieces = trapezoid(leg.distance_m, leg.speed_mps, leg.acceleration_mps2, leg.duration_s)
+    for k in range(TRAPEZOID):
+        for column in range(ACCELERATION + 1):
+            profile[k, column] = pieces[k][column]
     return TRAPEZOID
-
-
-@kernel
-def place_on(leg: FreeLeg, profile: Profile, elapsed_s: float) -> Point:
-    """Return the place of a drone some seconds after the start of a leg; it hovers at the end."""
-    x0, y0, z0, x1, y1, z1 = leg.route
-    if leg.distance_m == 0.0:
-        return x0, y0, z0
-    share = travelled(profile[:TRAPEZOID], elapsed_s) / leg.distance_m
-    return x0 + share * (x1 - x0), y0 + share * (y1 - y0), z0 + share * (z1 - z0)
 
 
 @kernel

@@ -61,8 +61,8 @@ def wind_along(wind: Wind, ahead: Point) -> tuple[float, float]:
 def speed_along(limits: Limits, wind: Wind, ahead: Point) -> float:
     """Return the highest ground speed in a direction, in m/s; 0 if the drone cannot hover.
 
-    At the ground speed g, the horizontal air speed V is that of ``air_speed``: V² is quadratic in
-    g, below the limit at rest, and so below it up to the larger root.
+    The square of the horizontal air speed is quadratic in the ground speed, below the limit at
+    rest, and so below it up to the larger root.
     """
     if not can_hold(limits, wind):
         return 0.0
@@ -88,10 +88,3 @@ def acceleration_along(limits: Limits, ahead: Point) -> float:
     if z != 0.0:
         most = min(most, limits.vertical_mps2 / abs(z))
     return float(most)
-
-
-@part
-def air_speed(wind: Wind, ahead: Point, ground_mps: float) -> float:
-    """Return the horizontal speed through the air at a ground speed in a direction, in m/s."""
-    x, y = ground_mps * ahead[0] - wind[0], ground_mps * ahead[1] - wind[1]
-    return float(np.sqrt(x * x + y * y))

@@ -339,24 +339,18 @@ TRAPEZOID = 4
 
 
 @rule
-def write_trapezoid(
-    profile: NDArray[np.float64],
-    distance: float,
-    speed: float,
-    acceleration: float,
-    duration: float,
-) -> None:
-    """Write the profile of a transit with this cruise speed into the first rows of a table."""
+def trapezoid(
+    distance: float, speed: float, acceleration: float, duration: float
+) -> tuple[Piece, Piece, Piece, Piece]:
+    """Return the pieces of a transit with this cruise speed."""
     ramp = speed / acceleration
     ramp_distance = speed * ramp / 2.0
-    for row in range(TRAPEZOID):
-        for column in range(ACCELERATION + 1):
-            profile[row, column] = 0.0
-    profile[0, ACCELERATION] = acceleration
-    profile[1, START], profile[1, DISTANCE], profile[1, SPEED] = ramp, ramp_distance, speed
-    profile[2, START], profile[2, DISTANCE] = duration - ramp, distance - ramp_distance
-    profile[2, SPEED], profile[2, ACCELERATION] = speed, -acceleration
-    profile[3, START], profile[3, DISTANCE] = duration, distance
+    return (
+        Piece(0.0, 0.0, 0.0, acceleration),
+        Piece(ramp, ramp_distance, speed, 0.0),
+        Piece(duration - ramp, distance - ramp_distance, speed, -acceleration),
+        Piece(duration, distance, 0.0, 0.0),
+    )
 
 
 def _within_step(transit: Transit, step_s: float, cruise_mps: float | None = None) -> Transit:
@@ -371,8 +365,7 @@ def _within_step(transit: Transit, step_s: float, cruise_mps: float | None = Non
 
 
 def _trapezoid(distance: float, speed: float, acceleration: float, duration: float) -> Transit:
-    profile = np.empty((TRAPEZOID, ACCELERATION + 1))
-    write_trapezoid(profile, distance, speed, acceleration, duration)
+    profile = np.array(trapezoid(distance, speed, acceleration, duration))
     return Transit(profile, round(duration * US), distance)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,9 +131,9 @@ def shortest_path(
     source = (start[2] * nx + start[0]) * ny + start[1]
     target = (goal[2] * nx + goal[0]) * ny + goal[1]
     cost[source] = 0
-    _push(heap, (np.int64(0), np.int64(source)))
+    heappush(heap, (np.int64(0), np.int64(source)))
     while len(heap) > 0:
-        node = _pop(heap)[1]
+        node = heappop(heap)[1]
         if settled[node]:
             continue
         settled[node] = True
@@ -159,7 +160,7 @@ def shortest_path(
                 came_from[neighbour] = node
                 rest_us = time_on_open_map(hop_us, goal[0] - jx, goal[1] - jy, goal[2] - jz)
                 estimate = through + rest_us
-                _push(heap, (np.int64(estimate), np.int64(neighbour)))
+                heappush(heap, (np.int64(estimate), np.int64(neighbour)))
     if not settled[target]:
         return np.empty((0, 3), np.int64)
     length = 1
@@ -173,38 +174,3 @@ def shortest_path(
         path[k, 0], path[k, 1], path[k, 2] = node // ny % nx, node % ny, node // (nx * ny)
         node = came_from[node]
     return path
-
-
-@maker
-def _push(heap: list[tuple[np.int64, np.int64]], item: tuple[np.int64, np.int64]) -> None:
-    """Add an item to a binary heap."""
-    heap.append(item)
-    child = len(heap) - 1
-    while child > 0:
-        parent = (child - 1) // 2
-        if heap[parent] <= heap[child]:
-            break
-        heap[parent], heap[child] = heap[child], heap[parent]
-        child = parent
-
-
-@maker
-def _pop(heap: list[tuple[np.int64, np.int64]]) -> tuple[np.int64, np.int64]:
-    """Remove the least item from a binary heap and return it."""
-    top = heap[0]
-    last = heap.pop()
-    if len(heap) == 0:
-        return top
-    heap[0] = last
-    parent = 0
-    while True:
-        child = 2 * parent + 1
-        if child >= len(heap):
-            break
-        if child + 1 < len(heap) and heap[child + 1] < heap[child]:
-            child += 1
-        if heap[parent] <= heap[child]:
-            break
-        heap[parent], heap[child] = heap[child], heap[parent]
-        parent = child
-    return top

@@ -63,36 +63,6 @@ class Buffers(NamedTuple):
     visited: Ints
 
 
-def prisms(
-    footprints_m: Sequence[NDArray[np.float64]],
-    roofs_m: Sequence[float],
-    shape: tuple[int, int],
-    side_m: tuple[float, float],
-) -> Buildings:
-    """Return buildings with these footprints, convex and counterclockwise, on a map of buckets.
-
-    The map begins at (0, 0). Raises ValueError for a footprint that is not convex and
-    counterclockwise, or that reaches off the map.
-    """
-    for number, corners in enumerate(footprints_m):
-        ahead = np.roll(corners, -1, axis=0) - corners
-        beyond = np.roll(ahead, -1, axis=0)
-        if len(corners) < 3 or not (ahead[:, 0] * beyond[:, 1] > ahead[:, 1] * beyond[:, 0]).all():
-            raise ValueError(f"footprint {number} is not convex and counterclockwise")
-        low, high = corners.min(axis=0) / side_m, corners.max(axis=0) / side_m
-        if (low < -1e-9).any() or (high > np.array(shape) + 1e-9).any():
-            raise ValueError(f"footprint {number} reaches off the map")
-    return Buildings(
-        records(Corner, np.concatenate([np.zeros((0, 2)), *footprints_m])),
-        np.cumsum([0, *map(len, footprints_m)]),
-        np.array(roofs_m, float),
-        shape,
-        side_m,
-        *bucketed(footprints_m, shape, side_m),
-        max(roofs_m, default=0.0),
-    )
-
-
 def bucketed(
     footprints_m: Sequence[NDArray[np.float64]],
     shape: tuple[int, int],

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from desim_uav.model.geometry.relative import beyond, write
 from desim_uav.rowcode.kernels import part
 
+Radii = NDArray[np.float64] | tuple[float]
+"""The radii of circles, the widest first."""
+
 
 class Passage(NamedTuple):
     """The number of circles around a user ``now``, and what was noted last.
@@ -33,7 +36,7 @@ class Passage(NamedTuple):
 def begin_passages(
     user: int,
     away: tuple[float, float],
-    radii: NDArray[np.float64],
+    radii: Radii,
     circles: tuple[int, int],
     begin: tuple[int, bool],
     out: NDArray[np.int64],

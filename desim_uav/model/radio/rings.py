@@ -41,25 +41,21 @@ def rings(
     height_m: float,
     budget: LinkBudget,
     classes: Sequence[LinkClass],
-    shadowing_db: tuple[float, float] = (0.0, 0.0),
 ) -> Rings:
     """Return the rings of each class with and without line of sight, and of the mean loss.
 
-    ``shadowing_db`` is an additional loss, with and without line of sight; the mean loss has none.
     A radius is 0 if the class does not hold even below the drone. Raises ValueError if a loss does
     not rise with the distance, or if a ring is larger than ``FARTHEST_M``.
     """
     if not (math.isfinite(height_m) and height_m > 0.0):
         raise ValueError(f"a drone must be above its users, not by {height_m:g} m")
     radii_m = []
-    for method, shadow_db in zip(
-        (path_loss.los_db, path_loss.nlos_db, path_loss.mean_db), (*shadowing_db, 0.0), strict=True
-    ):
+    for method in (path_loss.los_db, path_loss.nlos_db, path_loss.mean_db):
 
         def loss_db(distance_m: float, method: Callable[..., float] = method) -> float:
             return method(distance_m, height_m, carrier_ghz)
 
-        radii = [ring_m(loss_db, budget.largest_loss_db(one.snr_db) - shadow_db) for one in classes]
+        radii = [ring_m(loss_db, budget.largest_loss_db(one.snr_db)) for one in classes]
         _check_rise(loss_db, 2.0 * max(radii[0], height_m), f"{_name(path_loss)}.{method.__name__}")
         radii_m.append(tuple(radii))
     return Rings(*radii_m)
@@ -101,20 +97,6 @@ def line_of_sight_ring_m(path_loss: RowPathLoss, height_m: float, uniform: float
     if sees(FARTHEST_M):
         return math.inf
     return last_m(sees, FARTHEST_M)
-
-
-def effective_ring_m(los_m: float, nlos_m: float, sight_m: float) -> float:
-    """Return the radius of a class for a user who sees the drone within ``sight_m``.
-
-    Raises ValueError if the class would reach farther without line of sight than with it: it would
-    then begin anew where the line of sight ends, and hold in no disc.
-    """
-    if nlos_m > los_m:
-        raise ValueError(
-            f"a class must not reach farther without line of sight ({nlos_m:g} m) than with it "
-            f"({los_m:g} m)"
-        )
-    return min(los_m, max(sight_m, nlos_m))
 
 
 def last_m(holds: Callable[[float], bool], outside_m: float) -> float:

@@ -86,7 +86,7 @@ class EventRow(Row):
 class Closed(Row):
     """A request that has been closed (see ``engine.base.ClosedRequest``)."""
 
-    number: int
+    request_id: int
     user: int
     service: int
     stage: int

@@ -5,27 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
-from desim_uav.model.geometry import roads as kernels
 from desim_uav.model.geometry.prisms import deepest_at, obstacles
-from desim_uav.model.geometry.roads import (
-    bands,
-    corners_at,
-    roads,
-    times_along,
-    whole_way,
-)
+from desim_uav.model.geometry.roads import corners_at, roads
 from desim_uav.model.motion.legs import leg_between
 from desim_uav.model.motion.limits import CALM, Limits
 from tests.model.geometry.maps import graph_of, pieces, random_town, shortest
-
-
-def way_to(prisms, ways, station, x, y):
-    return kernels.way_to(prisms, ways, station, x, y, np.full(len(ways.nodes_m), np.nan))
-
-
-def way_home(prisms, ways, *options):
-    return kernels.way_home(prisms, ways, *options, np.full(len(ways.nodes_m), np.nan))
-
+from tests.model.geometry.ways import times_along, way_home, way_to, whole_way
 
 LIMITS = Limits(10.0, 4.0, 5.0, 3.0, 2.0)
 CELL = (100.0, 100.0)
@@ -115,12 +100,10 @@ class TestByHand:
         found = whole_way(houses, ways, 1, 20.0, 450.0)
         assert found.tolist() == [[20, 450], [95, 395], [850, 300]]
 
-    def test_bands_of_altitude(self):
+    def test_corners_at_an_altitude(self):
         heights = np.zeros((3, 3))
         heights[0, 0], heights[2, 2] = 30.0, 50.0
         houses = obstacles(heights, CELL, [], 5.0)
-        assert bands(houses, 20.0, 100.0).tolist() == [27.5, 45.0, 77.5]
-        assert bands(houses, 60.0, 60.0).tolist() == [60.0]
         assert [len(corners_at(houses, z, (300.0, 300.0))) for z in (20.0, 40.0, 60.0)] == [2, 1, 0]
 
 

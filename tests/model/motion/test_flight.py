@@ -5,10 +5,11 @@ import pytest
 
 from desim_uav.model.geometry.prisms import obstacles
 from desim_uav.model.motion.flight import step_leg
-from desim_uav.model.motion.legs import LegBounds, place_on, write_profile
+from desim_uav.model.motion.legs import LegBounds, write_profile
 from desim_uav.model.motion.limits import CALM, Limits
 from tests.model.geometry.maps import random_town
 from tests.model.geometry.test_roads import free_place
+from tests.model.motion.places import place_on
 from tests.selection import by_default
 
 LIMITS = Limits(10.0, 4.0, 5.0, 3.0, 2.0)

@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 
 from desim_uav.model.motion.motion import BangCoastBang
-from desim_uav.model.radio.buildings import buffers_for, cells_as_prisms, prisms
+from desim_uav.model.radio.buildings import (
+    Buildings,
+    Corner,
+    bucketed,
+    buffers_for,
+    cells_as_prisms,
+)
 from desim_uav.model.radio.sight import BLOCKED, CLEAR, sight_changes
 from desim_uav.model.radio.tracks import Turn
-from desim_uav.rowcode.views import zeros
+from desim_uav.rowcode.views import records, zeros
 from tests.model.radio.looking import Seen, claimed, finer, grid, moving
 from tests.model.radio.making import START_US, Leg, absolute, flying, hovering, rows_of
 from tests.model.sampler import Walk
@@ -15,6 +21,19 @@ from tests.model.sampler import Walk
 pytestmark = pytest.mark.thorough  # it is long to compile; test_marks.py runs it too
 
 # ---- the ray caster
+
+
+def prisms(footprints_m, roofs_m, shape, side_m):
+    """Buildings with these footprints, convex and counterclockwise, on a map of buckets."""
+    return Buildings(
+        records(Corner, np.concatenate([np.zeros((0, 2)), *footprints_m])),
+        np.cumsum([0, *map(len, footprints_m)]),
+        np.array(roofs_m, float),
+        shape,
+        side_m,
+        *bucketed(footprints_m, shape, side_m),
+        max(roofs_m, default=0.0),
+    )
 
 
 def overlap(user, drone, footprint, roof):
@@ -240,10 +259,3 @@ class TestPrisms:
         same = prisms(shapes, heights[heights > 0.0], (6, 4), (10.0, 20.0))
         for one, other in zip(cells, same, strict=True):
             assert np.array_equal(one, other)
-
-    def test_what_is_no_prism_is_refused(self):
-        for wrong in (self.SQUARE[::-1], self.SQUARE[:2], self.SQUARE[[0, 1, 3, 2]]):
-            with pytest.raises(ValueError, match="footprint 0 is not convex and counterclockwise"):
-                prisms([wrong], [5.0], (1, 1), (10.0, 10.0))
-        with pytest.raises(ValueError, match="footprint 1 reaches off the map"):
-            prisms([self.SQUARE, self.SQUARE + 1.0], [5.0, 5.0], (1, 1), (10.0, 10.0))

@@ -12,7 +12,6 @@ from desim_uav.model.radio.link import LADDERS, LinkBudget, LinkClass, threshold
 from desim_uav.model.radio.links import class_of
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, LogDistance, RowPathLoss
 from desim_uav.model.radio.rings import (
-    effective_ring_m,
     line_of_sight_ring_m,
     ring_m,
     rings,
@@ -73,19 +72,6 @@ class TestEdges:
         assert line_of_sight_ring_m(FreeSpace(), 100.0, 0.999999) == math.inf
         assert line_of_sight_ring_m(URBAN, 100.0, 0.02) == math.inf
         assert line_of_sight_ring_m(AlHourani("high_rise"), 100.0, 0.9) == 0.0
-
-    def test_the_ring_of_a_user(self):
-        assert effective_ring_m(900.0, 300.0, 500.0) == 500.0
-        assert effective_ring_m(900.0, 300.0, math.inf) == 900.0
-        assert effective_ring_m(900.0, 300.0, 100.0) == 300.0
-        with pytest.raises(ValueError, match="must not reach farther without line of sight"):
-            effective_ring_m(300.0, 900.0, 500.0)
-
-    def test_shadowing_shifts_the_threshold(self):
-        plain = rings(URBAN, 2.0, 100.0, BUDGET, classes(13.0))
-        shadowed = rings(URBAN, 2.0, 100.0, BUDGET, classes(10.0), shadowing_db=(3.0, 3.0))
-        assert shadowed.los_m == plain.los_m and shadowed.nlos_m == plain.nlos_m
-        assert shadowed.mean_m == rings(URBAN, 2.0, 100.0, BUDGET, classes(10.0)).mean_m
 
 
 class TestRefusals:

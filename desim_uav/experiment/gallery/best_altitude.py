@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from desim_uav.experiment.gallery.stationary import stationary_elevations
 from desim_uav.model.radio.path_loss import AlHourani, free_space_db, mean_of
-from desim_uav.model.radio.stationary import stationary_elevations
 
 MOST_TURNS = 8
 """The size of the buffer for stationary elevations; the towns of the paper have one or three."""

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.audit_instants import audit_instant
-from desim_uav.engine.audit_sight import possible_levels_dbm
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.services import SHARING, drawn_amount
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User
 from desim_uav.rules.words import CHARGING, CRASHED, FLYING, IN_QUEUE
+from tests.audit.instants import audit_instant
+from tests.audit.sight import possible_levels_dbm
 
 if TYPE_CHECKING:
     from desim_uav.engine.des import Simulation

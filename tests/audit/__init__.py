@@ -1,0 +1,1 @@
+"""The invariants of an episode, checked after every event, with formulas of their own."""
