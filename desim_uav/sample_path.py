@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
-from desim_uav.model.demand.asking import Requests
+from desim_uav.model.demand.requests import Requests
 from desim_uav.model.mobility.walking import RowWalks
 from desim_uav.model.mobility.walks import Walks
 from desim_uav.model.random.philox import key_of

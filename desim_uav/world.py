@@ -15,8 +15,9 @@ from desim_uav.copies import Unchanging
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
 from desim_uav.links import Links, links_of
-from desim_uav.model.demand.asking import Requests, RowDemand, RowDraws
+from desim_uav.model.demand.asking import RowDemand, RowDraws
 from desim_uav.model.demand.demand import requests_of
+from desim_uav.model.demand.requests import Requests
 from desim_uav.model.energy.charging import Charging
 from desim_uav.model.geometry.grid import Cell, Grid, altitudes
 from desim_uav.model.mobility.mobility import walks_of

@@ -13,7 +13,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.motion.motion import cruise_of
 from desim_uav.model.radio.radio import Disc
 from desim_uav.model.services import has_volumes, is_one_time
-from desim_uav.scenario.components import described
+from desim_uav.scenario.description import described
 from desim_uav.scenario.schema import Scenario
 
 ONLY = "the optimum can be computed only"

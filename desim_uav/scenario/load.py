@@ -23,7 +23,8 @@ from desim_uav.registry import resolve
 from desim_uav.rowcode.regular_file import content_of
 from desim_uav.scenario import yaml12
 from desim_uav.scenario.checks import findings
-from desim_uav.scenario.components import code_of, described, strictly, unchanged
+from desim_uav.scenario.components import strictly
+from desim_uav.scenario.description import code_of, described, unchanged
 from desim_uav.scenario.draft import MAX_PROBLEMS, ScenarioDraft, override_path, plain_copy
 from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.preset import paper_preset

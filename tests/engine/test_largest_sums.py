@@ -16,7 +16,8 @@ from desim_uav.engine.compiled.largest_sums import LARGEST, sums_of
 from desim_uav.engine.compiled.pack import lacking
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.experiment import tables
-from desim_uav.model.demand.asking import Requests, RowDemand
+from desim_uav.model.demand.asking import RowDemand
+from desim_uav.model.demand.requests import Requests
 from desim_uav.model.energy.battery import MOST_CHARGE, RowEnergy
 from desim_uav.model.mobility import walking
 from desim_uav.model.rules import US

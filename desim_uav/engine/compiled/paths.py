@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.demand.asking import DRAWN, ManyRequests, Requests
+from desim_uav.model.demand.requests import DRAWN, ManyRequests, Requests
 from desim_uav.model.mobility.walking import ManyRowWalks, RowWalks
 from desim_uav.model.mobility.walks import Walks
 from desim_uav.rowcode.kernels import kernel

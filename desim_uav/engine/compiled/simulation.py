@@ -32,7 +32,7 @@ from desim_uav.rowcode.views import View, array_of, dtype_of
 from desim_uav.rules.rows import Constants, Drone, LookRow, PlanRow, State, Station
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY, UNFINISHED
 from desim_uav.sample_path import SamplePath, SamplePaths
-from desim_uav.scenario.components import code_of, own_classes
+from desim_uav.scenario.description import code_of, own_classes
 from desim_uav.world import World
 
 BUFFER, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2

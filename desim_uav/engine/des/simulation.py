@@ -17,7 +17,7 @@ from desim_uav.engine.des.skies import Skies
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
 from desim_uav.engine.state import Buffers, state_of
-from desim_uav.model.demand.asking import DRAWN, Requests
+from desim_uav.model.demand.requests import DRAWN, Requests
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rowcode.rows import Table, blank, bound, maker_of

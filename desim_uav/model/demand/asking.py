@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import SimulationError
+from desim_uav.model.demand.requests import DRAWN, DUE_US, SERVICE, ManyRequests, Requests
 from desim_uav.model.naming import naming
 from desim_uav.model.random.streams import Stream, Streams, begin_stream, uniform
 from desim_uav.model.services import Catalogue, StageRow, drawn_amount
@@ -32,62 +33,11 @@ from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.rows import Row, Table, Words, attach, blank, bound, fill, packed, place, row
 from desim_uav.rowcode.views import View
 
-DUE_US, SERVICE, REQUIRED_US, BANDWIDTH_BPS = range(4)
-DRAWN = REQUIRED_US
-"""The columns of a table of requests (see ``Requests``); the drawn values begin with DRAWN."""
-
 NOTHING = -1
 """The service of a draw that is no request."""
 
 NO_MORE_US = 2**60
 """The waiting time of users who make no more requests, which is longer than any episode."""
-
-
-class Requests(NamedTuple):
-    """All users' requests in one episode: rows of DUE_US SERVICE and the values that are drawn.
-
-    There is a value for each list of the service (``services.Service.values``), in their order, and
-    0 in the columns that it does not need. Those of the built-in services are REQUIRED_US, which is
-    in millionths of a bit if the service asks for a volume, and BANDWIDTH_BPS.
-
-    The rows of user u are ``offsets[u]:offsets[u + 1]``. If ``after_previous`` is true, DUE_US
-    counts from the end of the user's previous request, and for the first request from the start of
-    the episode. Otherwise DUE_US is the time of an arrival, which is dropped while another request
-    of that user is open.
-    """
-
-    rows: NDArray[np.int64]
-    offsets: NDArray[np.int64]
-    after_previous: bool
-
-
-class ManyRequests(Sequence[Requests]):
-    """The requests of several episodes in two tables: DUE_US and SERVICE, and what is drawn.
-
-    The rows of episode k are ``begins[k]:begins[k + 1]``. ``offsets`` (episodes, users + 1) count
-    from the beginning of each episode's rows.
-    """
-
-    def __init__(
-        self,
-        asks: NDArray[np.int64],
-        drawn: NDArray[np.int64],
-        offsets: NDArray[np.int64],
-        after_previous: bool,
-    ) -> None:
-        self.offsets, self.after_previous = offsets, after_previous
-        ends: list[int] = np.cumsum(offsets[:, -1]).tolist()
-        self.begins, self.asks, self.drawn = [0, *ends[:-1]], asks[: ends[-1]], drawn[: ends[-1]]
-
-    def __len__(self) -> int:
-        return len(self.offsets)
-
-    def __getitem__(self, k: Any) -> Any:
-        """Return the requests of episode k of the table."""
-        own, begin = self.offsets[k], self.begins[k]
-        rows = slice(begin, begin + own[-1])
-        both = np.concatenate([self.asks[rows], self.drawn[rows]], axis=1)
-        return Requests(both, own, self.after_previous)
 
 
 @row

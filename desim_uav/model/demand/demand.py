@@ -11,18 +11,14 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from desim_uav.errors import SimulationError, did_you_mean
-from desim_uav.model.demand.asking import (
+from desim_uav.model.demand.asking import NO_MORE_US, Asker, Offer, RowDemand, ask_for_mix
+from desim_uav.model.demand.requests import (
     BANDWIDTH_BPS,
     DRAWN,
     DUE_US,
-    NO_MORE_US,
     REQUIRED_US,
     SERVICE,
-    Asker,
-    Offer,
     Requests,
-    RowDemand,
-    ask_for_mix,
 )
 from desim_uav.model.random.streams import (
     Purpose,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.demand.asking import DUE_US, REQUIRED_US, Requests
+from desim_uav.model.demand.requests import DUE_US, REQUIRED_US, Requests
 from desim_uav.optimum.run.prices import Prices, Slope
 from desim_uav.rowcode.kernels import maker
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.saved import Rows, SavedState
-from desim_uav.model.demand.asking import DRAWN, DUE_US, Requests, from_now
+from desim_uav.model.demand.asking import from_now
+from desim_uav.model.demand.requests import DRAWN, DUE_US, Requests
 from desim_uav.model.geometry.coverage import T0_US, all_walked
 from desim_uav.model.mobility.walking import RowWalks, from_here
 from desim_uav.model.mobility.walks import Walks

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.palette import ink_on
@@ -118,21 +119,25 @@ def _draw_lines(axes: Axes, content: Content, measure: str, policy: str | None) 
         if not numbers:
             dressed["linestyle"] = "none"
         at = places[there] + APART * span * (number - (len(series) - 1) / 2)
-        axes.plot(at, [p["mean"] for p in points], label=_word(of), **dressed)
-        with_interval = [k for k, p in enumerate(points) if p["half_width"]]
-        if with_interval:
-            means = [points[k]["mean"] for k in with_interval]
-            wide = [points[k]["half_width"] for k in with_interval]
-            colour = dressed["color"]
-            axes.errorbar(
-                at[with_interval], means, wide, ls="none", capsize=3, color=colour, lw=1.1
-            )
+        _draw_line(axes, at, points, _word(of), dressed)
     if not numbers:
         axes.set_xticks(places, [_word(value) for value in values])
         axes.set_xlim(-0.5, len(values) - 0.5)
     elif len(values) <= 6:
         axes.set_xticks(places, [_word(value) for value in values])
     axes.set_xlabel(short(first))
+
+
+def _draw_line(
+    axes: Axes, at: NDArray[np.float64], points: list[Any], label: str, dressed: dict[str, Any]
+) -> None:
+    """Draw a line through means, and the intervals of those that have one."""
+    axes.plot(at, [p["mean"] for p in points], label=label, **dressed)
+    those = [k for k, p in enumerate(points) if p["half_width"]]
+    if those:
+        means, wide = ([points[k][of] for k in those] for of in ("mean", "half_width"))
+        colour = dressed["color"]
+        axes.errorbar(at[those], means, wide, ls="none", capsize=3, color=colour, lw=1.1)
 
 
 def _draw_heat(figure: Figure, axes: Axes, content: Content, measure: str, policy: str) -> None:
