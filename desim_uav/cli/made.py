@@ -114,7 +114,7 @@ def hint_of(verb: Verb, parameter: inspect.Parameter) -> Any:
     return eval(parameter.annotation, names, _InTerminals(vars(builtins) | names))
 
 
-def kind_of(hint: Any, look: OptionLook) -> Any:
+def kind_of(hint: object, look: OptionLook) -> Any:
     """Return the type that typer is told of."""
     members = _alternatives(hint)
     if members == [bool]:
@@ -127,7 +127,7 @@ def kind_of(hint: Any, look: OptionLook) -> Any:
     return list[one] if many and not look.commas else one
 
 
-def _alternatives(hint: Any) -> list[Any]:
+def _alternatives(hint: object) -> list[Any]:
     """Return the types that an annotation allows beside None."""
     if get_origin(hint) is Annotated:
         return _alternatives(get_args(hint)[0])
@@ -136,7 +136,7 @@ def _alternatives(hint: Any) -> list[Any]:
     return [hint] if hint is not NoneType else []
 
 
-def _is_sequence(hint: Any) -> bool:
+def _is_sequence(hint: object) -> bool:
     return get_origin(hint) is Sequence
 
 

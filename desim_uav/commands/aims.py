@@ -73,7 +73,7 @@ class FreeCommands(AlikeCommands):
         numbers = self.numbers(drone)
         return f"{numbers} finite numbers, or the index of an action: {self._in_words}"
 
-    def read(self, drone: int, answer: Any) -> Any:
+    def read(self, drone: int, answer: object) -> Any:
         """Return the answer of a policy as numbers or an index, or None if it is no command."""
         try:
             return answer if self.aim(drone, answer) else index_of(self.actions, answer)
@@ -136,7 +136,7 @@ class FreeCommands(AlikeCommands):
         """Return which entries of a mask are those of a drone's type."""
         return [self.actions.index(action) for action in self.own(drone).actions]
 
-    def checked(self, drone: int, command: Any) -> list[float]:
+    def checked(self, drone: int, command: object) -> list[float]:
         """Return the numbers of a drone. Raises CommandError, with the drone."""
         with naming(drone):
             numbers: list[float] = real_numbers(command, (self.numbers(drone),)).tolist()
@@ -159,16 +159,16 @@ class FreeCommands(AlikeCommands):
             numbers[drone, : self.numbers(drone)] = self.checked(drone, one)
         return numbers.reshape(-1)
 
-    def split(self, action: Any) -> list[Command]:
+    def split(self, action: object) -> list[Command]:
         """Return the numbers of each drone."""
         numbers = real_numbers(action, self.shape).reshape(self.shape_of_each)
         return [*numbers.tolist()]
 
-    def arrays(self, action: Any) -> Arrays:
+    def arrays(self, action: object) -> Arrays:
         """Return the index of the first action, which is to fly, and the numbers of each drone."""
         return self._arrays(real_numbers(action, self.shape))
 
-    def arrays_of(self, count: int, actions: Any, by_drone: bool) -> Arrays:
+    def arrays_of(self, count: int, actions: object, by_drone: bool) -> Arrays:
         """Return the actions of so many environments as arrays, ``by_drone`` with an axis for it.
 
         Otherwise the numbers of the drones come one after the other.
@@ -182,7 +182,7 @@ class FreeCommands(AlikeCommands):
         aims[:, :, self._columns] = numbers
         return np.zeros(numbers.shape[:2], np.int64), aims
 
-    def best(self, scores: NDArray[Any], masks: Any) -> list[Any]:
+    def best(self, scores: NDArray[Any], masks: object) -> list[Any]:
         """Return the numbers that a network says (drones, outputs), cut off at -1 and 1."""
         numbers: list[list[float]] = scores.clip(-1.0, 1.0).tolist()
         return numbers

@@ -60,7 +60,7 @@ class CellCommands(AlikeCommands):
         """Return in words what a drone can be commanded."""
         return f"the index of an action, a whole number: {self._in_words}"
 
-    def read(self, drone: int, answer: Any) -> Any:
+    def read(self, drone: int, answer: object) -> Any:
         """Return the answer of a policy as an index, which may be that of no action, or None."""
         return index_of(self.actions, answer)
 
@@ -90,7 +90,7 @@ class CellCommands(AlikeCommands):
         """Return which entries of a mask are those of a drone's type: the first ones."""
         return slice(len(self.own(drone).actions))
 
-    def checked(self, drone: int, index: Any) -> int:
+    def checked(self, drone: int, index: object) -> int:
         """Return the index of an action of a drone's type. Raises CommandError, with the drone."""
         last = len(self.own(drone).actions) - 1
         with naming(drone):
@@ -120,18 +120,18 @@ class CellCommands(AlikeCommands):
             commands = [self.checked(drone, one) for drone, one in enumerate(commands)]
         return commands if len(commands) != 1 else commands[0]
 
-    def split(self, action: Any) -> list[Command]:
+    def split(self, action: object) -> list[Command]:
         """Return the index of each drone."""
         commands: list[int] = whole_numbers(action, self.shape).reshape(-1).tolist()
         if min(commands) < 0 or max(commands) >= len(self.actions):
             raise out_of_range(commands, self.actions)
         return [*commands]
 
-    def arrays(self, action: Any) -> Arrays:
+    def arrays(self, action: object) -> Arrays:
         """Return the index of each drone (1, drones)."""
         return whole_numbers(action, self.shape).reshape(1, -1), None
 
-    def arrays_of(self, count: int, actions: Any, by_drone: bool) -> Arrays:
+    def arrays_of(self, count: int, actions: object, by_drone: bool) -> Arrays:
         """Return the actions of so many environments as arrays, which have an axis of drones.
 
         That of a single drone may be missing unless they must be ``by_drone``.

@@ -37,7 +37,7 @@ def commands_of(answers: Any, world: World) -> list[Any]:
     return commands
 
 
-def _refused(answer: Any, what: str) -> NoCommandError:
+def _refused(answer: object, what: str) -> NoCommandError:
     text = f"{answer!r}"
     text = text[:MOST_SHOWN] + "…" * (len(text) > MOST_SHOWN)
     return NoCommandError(f"it returned {text}{what}")

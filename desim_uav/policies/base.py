@@ -82,14 +82,14 @@ class Remembering(Policy, Protocol):
     def memory(self) -> Any:
         """Return what the policy remembers now, as plain data that JSON has."""
 
-    def remember(self, memory: Any) -> None:
+    def remember(self, memory: object) -> None:
         """Remember what ``memory`` has returned, after ``begin`` in the same world."""
 
 
 class Trained(Protocol):
     """A model of Stable-Baselines3, or an algorithm of RLlib."""
 
-    def save(self, path: Any) -> Any:
+    def save(self, path: object) -> Any:
         """Save it."""
 
 
@@ -160,7 +160,7 @@ def memory_of(policy: Policy) -> Any:
     return getattr(policy, "memory", lambda: None)()
 
 
-def remind(policy: Policy, memory: Any) -> None:
+def remind(policy: Policy, memory: object) -> None:
     """Let a policy that has begun remember what ``memory_of`` has returned."""
     getattr(policy, "remember", lambda memory: None)(memory)
 
@@ -236,7 +236,7 @@ They are named, and not imported, because their libraries may not be installed.
 """
 
 
-def _adapter_of(candidate: Any) -> Any:
+def _adapter_of(candidate: object) -> Any:
     """Return the class of the policy that acts by a model, or None for everything else."""
     if hasattr(candidate, "act"):
         return None

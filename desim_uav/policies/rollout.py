@@ -102,7 +102,7 @@ class Rollout:
         """Return what the base remembers."""
         return self._base.memory() if hasattr(self._base, "memory") else None
 
-    def remember(self, memory: Any) -> None:
+    def remember(self, memory: object) -> None:
         """Let the base remember what ``memory`` has returned."""
         if memory is not None:
             self._base.remember(memory)

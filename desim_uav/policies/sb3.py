@@ -194,7 +194,7 @@ CONTINUOUS: dict[str, Callable[[Any, Any], Any]] = {
 """The same for commands of free flight."""
 
 
-def _network(saved: Saved, observations: Any, actions: Any) -> Any:
+def _network(saved: Saved, observations: object, actions: object) -> Any:
     """Build the network on these spaces, with the weights of the file."""
     torch = importlib.import_module("torch")
     with torch.random.fork_rng(devices=[]):  # its first weights are drawn, and leave no trace
@@ -279,13 +279,13 @@ def _space(about: dict[str, Any]) -> str:
     return _in_brackets(kind, about.get(SIZES.get(kind, "")))
 
 
-def _described(space: Any) -> str:
+def _described(space: object) -> str:
     """Return a space's description in the same form as ``_space``."""
     kind = type(space).__name__
     return _in_brackets(kind, getattr(space, SIZES[kind]))
 
 
-def _in_brackets(kind: str, sizes: Any) -> str:
+def _in_brackets(kind: str, sizes: object) -> str:
     return f"{kind}[{', '.join(re.findall(r'[0-9]+', str(sizes)))}]"
 
 
@@ -305,7 +305,7 @@ def _settings(about: dict[str, Any]) -> dict[str, Any]:
     return {key: _setting(key, about[key]) for key in sorted(about.keys() - pickled - IN_TRAINING)}
 
 
-def _setting(key: str, value: Any) -> Any:
+def _setting(key: str, value: object) -> Any:
     if key == "activation_fn":
         name = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", str(value))
         if name and name[1] in ACTIVATIONS:
@@ -315,7 +315,7 @@ def _setting(key: str, value: Any) -> Any:
     raise ValueError(f"policy_kwargs: {key}: {str(value)[:80]} cannot be read without unpickling")
 
 
-def _is_architecture(value: Any) -> bool:
+def _is_architecture(value: object) -> bool:
     """Return whether ``value`` is a list of layer widths, or two for policy and value function."""
     if isinstance(value, dict):
         return value.keys() <= {"pi", "vf", "qf"} and all(map(are_widths, value.values()))

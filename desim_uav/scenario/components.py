@@ -42,7 +42,7 @@ class Slot:
     """Whether the name of a kind alone stands for a component without parameters."""
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """Make an instance during validation, and write it as ``described`` does."""
         return core_schema.with_info_plain_validator_function(
@@ -94,7 +94,7 @@ class Slot:
         except (NameError, TypeError, ValueError):
             return None
 
-    def _validate(self, value: Any, info: core_schema.ValidationInfo) -> Any:
+    def _validate(self, value: object, info: core_schema.ValidationInfo) -> Any:
         if self.by_name and isinstance(value, str):
             value = {"kind": value}
         if isinstance(value, Mapping):
@@ -149,7 +149,7 @@ def _whole(schema: JsonSchemaValue) -> JsonSchemaValue:
     """Return a schema with its definitions where they are referred to."""
     definitions = schema.get("$defs", {})
 
-    def put_in(part: Any) -> Any:
+    def put_in(part: object) -> Any:
         if isinstance(part, list):
             return [put_in(one) for one in part]
         if not isinstance(part, dict):
@@ -170,7 +170,7 @@ class NameOrForm:
     mark: registry.NameOr
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """Return a validation whose problems are those of the form that was meant."""
         return core_schema.no_info_plain_validator_function(self._validate)
@@ -194,7 +194,7 @@ class NameOrForm:
     def _is_list(self) -> bool:
         return not hasattr(self.mark.form, "_fields")
 
-    def _validate(self, value: Any) -> Any:
+    def _validate(self, value: object) -> Any:
         names = self.mark.names
         if isinstance(value, str) and value in names:
             return value
@@ -232,11 +232,11 @@ class CheckedField:
     mark: registry.Checked
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """Return a validation that tells the reason for which the check refuses a value."""
 
-        def checked(value: Any) -> Any:
+        def checked(value: object) -> Any:
             try:
                 self.mark.check(value)
             except ValueError as error:
@@ -273,13 +273,13 @@ _PLUG_IN_SCHEMA: JsonSchemaValue = {
 }
 
 
-def place_of_problem(component: Any) -> KeyPath:
+def place_of_problem(component: object) -> KeyPath:
     """Return the key at which a component's problem is reported: its file, if it has just one."""
     names = _file_parameters(type(component))  # type: ignore[arg-type]
     return (names[0],) if len(names) == 1 else ()
 
 
-def strictly(kind: type, value: Any, context: Mapping[str, Any] | None = None) -> Any:
+def strictly(kind: object, value: object, context: Mapping[str, Any] | None = None) -> Any:
     """Validate plain data strictly: lists may be tuples, but text and booleans are not numbers."""
     return _adapter(kind).validate_json(to_json(value), strict=True, context=context)
 
@@ -339,7 +339,7 @@ def _refuse_huge(arguments: Mapping[str, Any]) -> None:
 
 
 @cache
-def _adapter(kind: type) -> TypeAdapter[Any]:
+def _adapter(kind: Any) -> TypeAdapter[Any]:
     """Return the validator of a class. A dataclass refuses unknown parameters, as models do."""
     if dataclasses.is_dataclass(kind) and "__pydantic_config__" not in vars(kind):
         setattr(kind, "__pydantic_config__", ConfigDict(extra="forbid"))  # noqa: B010
@@ -357,7 +357,7 @@ def _parts(class_: type) -> dict[str, Any]:
     }
 
 
-def _marks(hint: Any) -> tuple[Any, ...]:
+def _marks(hint: object) -> tuple[Any, ...]:
     return getattr(hint, "__metadata__", ())
 
 
@@ -380,5 +380,5 @@ def _error(message: str) -> PydanticCustomError:
     return PydanticCustomError("component", "{message}", {"message": message})
 
 
-def _error_at(key: str, message: str, value: Any) -> PydanticError:
+def _error_at(key: str, message: str, value: object) -> PydanticError:
     return errors([((key,), message, value)])

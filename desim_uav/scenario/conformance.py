@@ -35,12 +35,12 @@ def returns_a_value(function: FunctionType) -> bool:
     return False
 
 
-def is_interface(protocol: Any) -> bool:
+def is_interface(protocol: object) -> bool:
     """Return whether components need the methods of a Protocol, and not a certain base class."""
     return all(getattr(one, "_is_protocol", False) for one in _alternatives(protocol))
 
 
-def lacks(class_: Any, protocol: Any) -> list[str]:
+def lacks(class_: object, protocol: object) -> list[str]:
     """Return the methods that are missing for a Protocol, or for the first of a union of them."""
     missing = [
         [name for name in _methods(one) if not hasattr(class_, name)]
@@ -49,7 +49,7 @@ def lacks(class_: Any, protocol: Any) -> list[str]:
     return missing[0] if all(missing) else []
 
 
-def _alternatives(protocol: Any) -> tuple[Any, ...]:
+def _alternatives(protocol: object) -> tuple[Any, ...]:
     """Return the Protocols of a union, or the one that there is."""
     return typing.get_args(protocol) or (protocol,)
 
@@ -58,7 +58,7 @@ def _methods(protocol: type) -> list[str]:
     return [n for n, m in vars(protocol).items() if not n.startswith("_") and callable(m)]
 
 
-def attributes(protocol: Any) -> list[str]:
+def attributes(protocol: object) -> list[str]:
     """Return the attributes that a Protocol, or each of a union of them, asks for."""
     annotations = [inspect.get_annotations(one) for one in _alternatives(protocol)]
     return [name for name in annotations[0] if all(name in other for other in annotations)]

@@ -10,6 +10,7 @@ from uuid import uuid4
 from pydantic import BaseModel
 
 from desim_uav.own_code import digest_of
+from desim_uav.registry import kind_name
 from desim_uav.rowcode.code_digest import class_digest
 from desim_uav.rowcode.value_text import UndescribedError
 
@@ -17,15 +18,16 @@ GIVEN = "_given_parameters"
 """The attribute with the parameters of a component whose class is not a dataclass."""
 
 
-def described(component: Any, hashed: bool = False) -> dict[str, Any]:
+def described(component: object, hashed: bool = False) -> dict[str, Any]:
     """Return the kind and the parameters of a component as plain Python values, the kind first.
 
     To be ``hashed``, parameters that came later are left out (see ``unchanged``), and a component
     of one's own has the digest of its code.
     """
     class_ = type(component)
-    kind = vars(class_).get("kind", f"{class_.__module__}:{class_.__qualname__}")
-    plain = {"kind": kind} | ({"code": code} if hashed and (code := code_of(class_)) else {})
+    plain = {"kind": kind_name(component)}
+    if hashed and (code := code_of(class_)):
+        plain["code"] = code
     if not dataclasses.is_dataclass(component):
         return plain | getattr(component, GIVEN, {})
     left_out = unchanged(component) if hashed else ()
@@ -46,7 +48,7 @@ def code_of(class_: type) -> str:
         return uuid4().hex
 
 
-def own_classes(value: Any) -> Iterator[type]:
+def own_classes(value: object) -> Iterator[type]:
     """Yield the classes of all components of one's own in a scenario, or in a part of one."""
     if isinstance(value, BaseModel):
         parts = [getattr(value, name) for name in type(value).model_fields]
@@ -61,7 +63,7 @@ def own_classes(value: Any) -> Iterator[type]:
         yield from own_classes(part)
 
 
-def _plain(value: Any, hashed: bool) -> Any:
+def _plain(value: object, hashed: bool) -> Any:
     """Return the value of a parameter: components and named tuples are mappings."""
     if hasattr(type(value), "kind"):
         return described(value, hashed)
@@ -72,7 +74,7 @@ def _plain(value: Any, hashed: bool) -> Any:
     return value
 
 
-def unchanged(section: Any) -> list[str]:
+def unchanged(section: object) -> list[str]:
     """Return the keys of a section or a component that came later and have their defaults.
 
     They are named in a class attribute ``later``. A scenario that was written before there was such

@@ -80,7 +80,7 @@ def _heading(content: Content, heat: bool) -> Iterator[str]:
         yield ", ".join(f"{short(key)} = {short(value)}" for key, value in content["held"].items())
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -89,7 +89,7 @@ def _is_scale(values: Sequence[Any]) -> bool:
     return len(values) > 2 and all(map(_is_number, values))
 
 
-def _word(value: Any) -> str:
+def _word(value: object) -> str:
     """Return a value of a key as a scenario has it."""
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
