@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from desim_uav import array_file
+from desim_uav.commands.given import Command
 from desim_uav.errors import DesimError, PolicyError, did_you_mean
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation, Snapshot
@@ -43,7 +44,7 @@ class Policy(Protocol):
         that the drones continue from where the previous episode left them.
         """
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int | Sequence[float]:
         """Return the action of ``observation.drone`` as an index into ``world.actions``.
 
         In free flight, it can also be a sequence with the numbers of a command, from -1 to 1.
@@ -57,7 +58,7 @@ class JointPolicy(Policy, Protocol):
 
     def act_jointly(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-    ) -> Sequence[int]:
+    ) -> Sequence[int | Sequence[float]]:
         """Return the actions of all drones in their order. It is called instead of ``act``."""
 
 
@@ -130,7 +131,7 @@ def show(policy: Policy, engine: Engine) -> None:
         watch(engine)
 
 
-def decide(policy: Policy, snapshot: Snapshot, world: World) -> list[Any]:
+def decide(policy: Policy, snapshot: Snapshot, world: World) -> list[Command]:
     """Return the policy's actions for a snapshot, in the order of the drones (``decide_by``)."""
     return decide_by(policy, snapshot.observations, snapshot.masks, world)
 
@@ -140,7 +141,7 @@ def decide_by(
     observations: Sequence[Observation],
     masks: Sequence[Sequence[bool]],
     world: World,
-) -> list[Any]:
+) -> list[Command]:
     """Return the policy's actions for what all drones observe, in their order.
 
     Each is an index into ``World.actions`` or, in free flight, the numbers of a command. Raises

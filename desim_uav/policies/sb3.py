@@ -20,6 +20,7 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
+from desim_uav.commands.given import Command
 from desim_uav.errors import MissingExtraError, PolicyError, in_short
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
@@ -39,7 +40,7 @@ IN_TRAINING = {"normalize_images", "optimizer_class", "optimizer_kwargs", "ortho
 SIZES = {"Box": "_shape", "Discrete": "n", "MultiDiscrete": "nvec"}
 """The attribute of each kind of space that must fit the scenario's."""
 
-Joint = Callable[[Sequence[Observation], Sequence[Sequence[bool]]], list[int]]
+Joint = Callable[[Sequence[Observation], Sequence[Sequence[bool]]], list[Command]]
 
 
 class Spaces(NamedTuple):
@@ -133,13 +134,13 @@ class StableBaselines:
             f"{world.scenario.name} has " + ", or ".join(map(_in_words, here))
         )
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Command:
         """Return the best allowed action of one drone, by a network trained on a single drone."""
         return self._decide([observation], [mask])[0]
 
     def _decide(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-    ) -> list[Any]:
+    ) -> list[Command]:
         """Return the best allowed action of each drone; of equally good ones, the first.
 
         In free flight, return the command of each drone: the mean, or the best one.

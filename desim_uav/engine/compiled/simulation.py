@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.commands.given import Command
 from desim_uav.copies import owned, usable
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.compiled import calls, loop
@@ -317,7 +318,7 @@ class BatchSimulation(Engine):
                 "--engine des has room"
             )
 
-    def step(self, commands: Sequence[int]) -> Snapshot:
+    def step(self, commands: Sequence[Command]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         self.hear(commands)
         calls.run(*self.addresses(), STEP)
