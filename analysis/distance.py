@@ -9,9 +9,9 @@ yes.
 """
 
 import pandas as pd
+from script import run_script
 
 from desim_uav.errors import PolicyError
-from desim_uav.experiment.script import run_script
 from desim_uav.experiment.statistics import estimate
 
 WIDTH_M, LAST_M = 60, 720

@@ -12,17 +12,10 @@ import math
 
 import numpy as np
 import pandas as pd
+from script import run_script
 
 from desim_uav import qoe
-from desim_uav.experiment.script import run_script
 from desim_uav.experiment.statistics import estimate
-
-MEASURES = {
-    "Jain": (qoe.fairness, ".3f"),
-    "Gini": (qoe.gini, ".3f"),
-    "worst tenth, QoE1 %": (lambda requests: worst_tenth(qoe.of_each_user(requests)), ".1f"),
-    "all, QoE1 %": (lambda requests: 100 * qoe.of_each_user(requests).mean(), ".1f"),
-}
 
 
 def main(runs, with_figure):
@@ -32,9 +25,33 @@ def main(runs, with_figure):
         seeds = [found for _, found in of_policy.groupby(["seed", "world_seed"])]
         values = (f"{estimate(map(of, seeds)):{form}}" for of, form in MEASURES.values())
         rows.append((policy, len(seeds), *values))
-        curves[policy] = [qoe.lorenz(found) for found in seeds]
+        curves[policy] = [lorenz(found) for found in seeds]
     print(pd.DataFrame(rows, columns=("policy", "seeds", *MEASURES)).to_string(index=False))
     return lorenz_curves(curves) if with_figure else None
+
+
+def gini(requests):
+    """Gini's index of the users' mean QoE1; None if no user was served.
+
+    It is 0 if all n users have the same QoE1, and 1 - 1/n if only one has any: twice the area
+    between the Lorenz curve and the diagonal.
+    """
+    curve = lorenz(requests)
+    if len(curve) < 2 or np.isnan(curve).any():
+        return None
+    return float(1 - (curve[1:] + curve[:-1]).sum() / (len(curve) - 1))
+
+
+def lorenz(requests):
+    """The share of all QoE1 that the worst-off k of n users have, for k from 0 to n."""
+    rising = np.sort(of_each_user(requests))
+    total = rising.sum()
+    return np.append(0.0, np.cumsum(rising)) / (total if total > 0 else np.nan)
+
+
+def of_each_user(requests):
+    """The mean QoE1 of each user that asked, by user."""
+    return qoe.Fairness().add(requests).of_each_user()
 
 
 def worst_tenth(of_users):
@@ -57,6 +74,14 @@ def lorenz_curves(curves):
         axes.plot(shares, np.mean(of_seeds, axis=0), label=policy, **look(number))
     axes.legend()
     return figure
+
+
+MEASURES = {
+    "Jain": (qoe.fairness, ".3f"),
+    "Gini": (gini, ".3f"),
+    "worst tenth, QoE1 %": (lambda requests: worst_tenth(of_each_user(requests)), ".1f"),
+    "all, QoE1 %": (lambda requests: 100 * of_each_user(requests).mean(), ".1f"),
+}
 
 
 if __name__ == "__main__":

@@ -10,8 +10,8 @@ interrupted more often and served less for other reasons too.
 """
 
 import pandas as pd
+from script import run_script
 
-from desim_uav.experiment.script import run_script
 from desim_uav.experiment.statistics import estimate
 
 MEASURES = {

@@ -10,9 +10,9 @@ requests: desim-uav compare RUN_DIR… has them.
 """
 
 import pandas as pd
+from script import run_script
 
 from desim_uav.errors import PolicyError
-from desim_uav.experiment.script import run_script
 from desim_uav.experiment.statistics import paired
 
 MEASURES = {

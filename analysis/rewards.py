@@ -21,7 +21,7 @@ from desim_uav.experiment.reproduce import EPISODES, WARMUP
 from desim_uav.experiment.statistics import estimate, paired
 from desim_uav.experiment.train.course import train
 from desim_uav.policies.tabular import Greedy
-from desim_uav.scenario.components import described
+from desim_uav.scenario.description import described
 
 REWARDS = {
     "R1": {"kind": "coverage"},

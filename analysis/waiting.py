@@ -12,8 +12,8 @@ out.
 
 import numpy as np
 import pandas as pd
+from script import run_script
 
-from desim_uav.experiment.script import run_script
 from desim_uav.experiment.statistics import estimate
 
 

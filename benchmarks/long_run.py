@@ -50,22 +50,15 @@ def main() -> None:
 
 
 def log(args: argparse.Namespace) -> dict[str, float]:
-    from desim_uav.experiment.command import run_to_folder
+    from desim_uav.experiment.command import How, place_of, prepare, write_run
     from desim_uav.scenario.load import loads
 
     scenario = loads(SCENARIO)
 
     def logged(episodes: int, name: str) -> int:
-        done = run_to_folder(
-            scenario,
-            "baseline",
-            episodes=episodes,
-            warmup=0,
-            keep_events=False,
-            out=args.folder / name,
-            command=[],
-            engine=args.engine,
-        )
+        how = How(episodes, warmup=0, keep_events=False, engine=args.engine, command=[])
+        prepared = prepare(scenario, "baseline", args.engine)
+        done = write_run(prepared, how, place_of(scenario, "baseline", args.folder / name))
         return int(done.summary["requests"])
 
     an_episode = logged(1, "first")

@@ -28,7 +28,7 @@ class Interrupted(KeyboardInterrupt):
     that does not handle it ends as usual.
     """
 
-    def __init__(self, message: str, result: Any) -> None:
+    def __init__(self, message: str, result: object) -> None:
         super().__init__(message)
         self.result = result
 

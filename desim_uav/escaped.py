@@ -36,7 +36,7 @@ def markdown_code(text: str) -> str:
     return f"{'`' * (longest + 1)}{edge}{plain}{edge}{'`' * (longest + 1)}"
 
 
-def csv_cell(value: Any) -> Any:
+def csv_cell(value: object) -> Any:
     """Return the value of a cell; a text that would be a formula gets an apostrophe before it."""
     is_formula = isinstance(value, str) and value.startswith(FORMULA)
     return f"'{value}" if is_formula else value

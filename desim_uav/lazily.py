@@ -34,7 +34,7 @@ class _After:
         self._package, self._then = package, then
         self._finding = False
 
-    def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+    def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
         """Return how the package is loaded, and nothing for any other."""
         if name != self._package or self._finding:
             return None
@@ -47,7 +47,7 @@ class _After:
             loader: Any = spec.loader
             load = loader.exec_module
 
-            def exec_module(module: Any) -> None:
+            def exec_module(module: object) -> None:
                 load(module)
                 if self in sys.meta_path:
                     sys.meta_path.remove(self)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, did_you_mean
@@ -29,7 +29,7 @@ def parquet(name: str, frame: pd.DataFrame) -> bytes:
     return bytes(file.getvalue())
 
 
-def parquet_writer(file: Any, schema: pa.Schema) -> pq.ParquetWriter:
+def parquet_writer(file: object, schema: pa.Schema) -> pq.ParquetWriter:
     """Return a writer with page checksums, so that later damage is noticed."""
     import pyarrow.parquet as pq
 

@@ -110,30 +110,6 @@ def fairness(requests: pd.DataFrame) -> float | None:
     return Fairness().add(requests).value()
 
 
-def gini(requests: pd.DataFrame) -> float | None:
-    """Return Gini's index of the users' mean QoE1.
-
-    It is 0 if all n users have the same QoE1, and 1 - 1/n if only one has any: twice the area
-    between the Lorenz curve and the diagonal.
-    """
-    curve = lorenz(requests)
-    if len(curve) < 2 or np.isnan(curve).any():
-        return None
-    return float(1 - (curve[1:] + curve[:-1]).sum() / (len(curve) - 1))
-
-
-def lorenz(requests: pd.DataFrame) -> NDArray[np.float64]:
-    """Return the share of all QoE1 that the worst-off k of n users have, for k from 0 to n."""
-    rising = np.sort(of_each_user(requests))
-    total = rising.sum()
-    return np.append(0.0, np.cumsum(rising)) / (total if total > 0 else np.nan)
-
-
-def of_each_user(requests: pd.DataFrame) -> NDArray[np.float64]:
-    """The mean QoE1 of each user that asked, by user."""
-    return Fairness().add(requests).of_each_user()
-
-
 def covered_once(requests: pd.DataFrame, duration_s: pd.Series, users: int) -> pd.Series:
     """Return the share of users that drones covered at least once in each episode, in percent.
 

@@ -43,11 +43,11 @@ class FieldMark:
 
     as_field: ClassVar[Callable[[Any], Any]]
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> Any:
         """Return the validation of the field."""
         return FieldMark.as_field(self).__get_pydantic_core_schema__(source, handler)
 
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> Any:
         """Return the JSON Schema of the field."""
         return FieldMark.as_field(self).__get_pydantic_json_schema__(schema, handler)
 
@@ -111,6 +111,12 @@ def discover(package: ModuleType, deep: bool = False) -> None:
     listed = pkgutil.walk_packages if deep else pkgutil.iter_modules
     for module in listed(package.__path__, package.__name__ + "."):
         importlib.import_module(module.name)
+
+
+def kind_name(component: object) -> str:
+    """Return the kind of a component as a scenario names it: "module:Class" if it is one's own."""
+    class_ = type(component)
+    return str(vars(class_).get("kind", f"{class_.__module__}:{class_.__qualname__}"))
 
 
 def names(slot: str) -> list[str]:

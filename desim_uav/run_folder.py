@@ -68,7 +68,7 @@ class RunDraft:
         with self._new_file(name) as file:
             file.write(content)
 
-    def write_json(self, name: str, content: Any) -> None:
+    def write_json(self, name: str, content: object) -> None:
         """Write a JSON file."""
         self.write_text(name, json.dumps(content, indent=1, allow_nan=False) + "\n")
 

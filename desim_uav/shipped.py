@@ -9,9 +9,6 @@ from desim_uav.errors import ScenarioError, did_you_mean
 
 _PACKAGE = Path(__file__).resolve().parent
 
-NETWORKS = ("ppo_", "mappo_")
-"""How the names of shipped networks begin."""
-
 
 def scenario_names() -> list[str]:
     """The names of the shipped scenarios, case2 before case10."""
@@ -46,16 +43,6 @@ def find_scenario(argument: str) -> Path:
 def bench_folder() -> Path:
     """Return the folder of the benchmark's tasks: scenarios, their hashes and bounds."""
     return _folder("scenarios") / "bench" / "uav-v1"
-
-
-def table_names() -> list[str]:
-    """Return the names of the shipped tables, case2.npz before case10.npz."""
-    return [name for name in trained_names() if not name.startswith(NETWORKS)]
-
-
-def network_names() -> list[str]:
-    """Return the names of the shipped networks, such as ppo_case8.npz."""
-    return [name for name in trained_names() if name.startswith(NETWORKS)]
 
 
 def trained_names() -> list[str]:

@@ -67,7 +67,7 @@ class OneOf:
             return ""
         return f"{name!r}{did_you_mean(name, allowed)}; allowed: {', '.join(allowed)}"
 
-    def value(self, argument: Any, name: str) -> Any:
+    def value(self, argument: object, name: str) -> Any:
         """Return an argument. Raises ValueError, which names it as said."""
         problem = self.problem(argument) if isinstance(argument, str) else ""
         if problem:
@@ -100,7 +100,7 @@ def typed(function: F, raises: type[Exception] = UsageError, names_in: str = "")
         marks.update((name, marks_of(hint)) for name, hint in hints.items())
         kinds.update([(name, kind_of(hint)) for name, hint in hints.items()])
 
-    def value_of(name: str, value: Any) -> Any:
+    def value_of(name: str, value: object) -> Any:
         if name not in kinds:
             return value
         if not kinds[name].has(value):
@@ -140,7 +140,7 @@ def hints_of(function: Callable[..., Any], names_in: str = "") -> dict[str, Any]
     return typing.get_type_hints(holder, names, include_extras=True)
 
 
-def marks_of(hint: Any) -> tuple[Within | OneOf, ...]:
+def marks_of(hint: object) -> tuple[Within | OneOf, ...]:
     """Return the bounds and names that an annotation, or one of its alternatives, asks for."""
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return tuple(mark for one in typing.get_args(hint) for mark in marks_of(one))
@@ -158,7 +158,7 @@ class Kind(NamedTuple):
     several: str
 
 
-def kind_of(hint: Any) -> Kind:
+def kind_of(hint: object) -> Kind:
     """Return the kind of values that an annotation stands for."""
     if hint in _PLAIN:
         return _PLAIN[hint]
@@ -208,7 +208,7 @@ def _sequence(of: Sequence[Any]) -> Kind:
     return Kind(has, f"a sequence of {kind.several}", f"sequences of {kind.several}")
 
 
-def _of_class(hint: Any) -> Kind:
+def _of_class(hint: object) -> Kind:
     name = getattr(hint, "__name__", str(hint))
     if hint is Any or not isinstance(hint, type) or getattr(hint, "_is_protocol", False):
         return Kind(lambda value: True, "an object", "objects")
@@ -226,16 +226,16 @@ def _is_whole(value: Any) -> bool:
     return not isinstance(value, bool)
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return not isinstance(value, bool) and (hasattr(value, "__float__") or _is_whole(value))
 
 
-def _is_truth(value: Any) -> bool:
+def _is_truth(value: object) -> bool:
     kind = type(value)
     return kind is bool or (kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_"))
 
 
-def _is_iterable(value: Any) -> bool:
+def _is_iterable(value: object) -> bool:
     """Return whether a value can be a sequence; an array without a dimension cannot."""
     if isinstance(value, str | bytes | Mapping) or getattr(value, "ndim", 1) == 0:
         return False

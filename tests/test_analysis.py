@@ -11,14 +11,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 
+from analysis.runs import read_runs
 from desim_uav.experiment.bench.tasks import TRACKS, tasks
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.compare_runs import compare_runs
-from desim_uav.experiment.runs import read_runs
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.run_to_folder import run_to_folder
 
 SCRIPTS = Path(__file__).parents[1] / "analysis"
 
@@ -149,6 +151,7 @@ def ask(capsys, monkeypatch):
     def run(question, *arguments):
         script = str(SCRIPTS / f"{question}.py")
         monkeypatch.setattr(sys, "argv", [script, *map(str, arguments)])
+        monkeypatch.syspath_prepend(SCRIPTS)
         capsys.readouterr()
         code = 0
         try:
@@ -445,3 +448,36 @@ def test_the_leaderboard_makes_what_is_missing_and_no_more(leaderboard, monkeypa
         pd.read_csv(file) for file in (rows, kept.parent / rows.parent.name / rows.name)
     )
     assert [*again["digest"]] == [*first["digest"]]
+
+
+@pytest.fixture(scope="module")
+def fairness():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(SCRIPTS)
+        return runpy.run_path(str(SCRIPTS / "fairness.py"), run_name="fairness")
+
+
+class TestLorenz:
+    def of(self, *shares):
+        return pd.DataFrame({"user": range(len(shares)), "qoe1": shares})
+
+    def test_two_to_one(self, fairness):
+        """Below the curve through (0, 0), (1/2, 1/3), (1, 1) lies 5/12."""
+        assert fairness["lorenz"](self.of(1.0, 0.5)).tolist() == pytest.approx([0, 1 / 3, 1])
+        assert fairness["gini"](self.of(1.0, 0.5)) == pytest.approx(1 - 2 * 5 / 12)
+
+    @pytest.mark.parametrize("users", [1, 2, 10])
+    def test_all_alike_or_one_has_it_all(self, fairness, users):
+        assert fairness["gini"](self.of(*[0.3] * users)) == pytest.approx(0.0)
+        assert fairness["gini"](self.of(0.8, *[0.0] * (users - 1))) == pytest.approx(1 - 1 / users)
+
+    def test_nobody_served_or_nobody_there(self, fairness):
+        assert fairness["gini"](self.of(0.0, 0.0)) is None
+        assert fairness["gini"](self.of()) is None
+
+    @settings(deadline=None)
+    @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=30))
+    def test_is_half_the_mean_difference_over_the_mean(self, fairness, shares):
+        apart = np.abs(np.subtract.outer(shares, shares)).mean()
+        found = fairness["gini"](self.of(*shares))
+        assert found == pytest.approx(apart / (2 * np.mean(shares)), abs=1e-12)

@@ -6,6 +6,8 @@ import os
 import re
 import subprocess
 import sys
+from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -160,6 +162,76 @@ def test_the_two_commands_of_the_readme() -> None:
 def test_links_of_pages_outside_the_site_lead_somewhere(name: str) -> None:
     for link in re.findall(r"\]\(([^)#]+)", PAGES[name].read_text(encoding="utf-8")):
         assert link.startswith("https://") or (ROOT / link).exists(), link
+
+
+FOLDERS = ("desim_uav", "tests", "analysis", "benchmarks", "policies", "scenarios", "docs")
+SOURCES = {
+    str(file.relative_to(ROOT)): file
+    for folder in FOLDERS
+    for file in (ROOT / folder).rglob("*")
+    if "__pycache__" not in file.parts and "_build" not in file.parts
+}
+DESIGN = [
+    *(name for name in PAGES if name.startswith("docs/design")),
+    *("CONTRIBUTING.md", "docs/explanation/engines.md"),
+]
+"""The pages that describe the code."""
+
+GONE = {"Hold", "Volume", "in_bits", "elastic", "bandwidths_bps", "durations_us", "volumes_ubit"}
+"""What decisions say of the code before them, by its names then."""
+GONE |= {"Scratch"}  # which decision 21 plans
+
+
+@cache
+def words_of_the_code() -> tuple[set[str], dict[str, set[str]]]:
+    """All words of the code, and those of each module or package by its name."""
+    words, modules = set[str](), defaultdict[str, set[str]](set)
+    for place, file in SOURCES.items():
+        if file.suffix == ".py" and place != "tests/test_documentation.py":
+            own = set(re.findall(r"\w+", file.read_text(encoding="utf-8")))
+            words |= own | {file.stem}
+            if place.startswith("desim_uav/"):
+                modules[file.stem] |= own
+                modules[file.parent.name] |= {file.stem, *own}
+    return words, modules
+
+
+def code_of_a_page(name: str) -> list[str]:
+    """What stands in backticks in the text of a page, outside of its blocks."""
+    text = re.sub(r"^```.*?^```", "", PAGES[name].read_text(encoding="utf-8"), flags=re.M | re.S)
+    return re.findall(r"`([^`\n]+)`", text)
+
+
+@pytest.mark.parametrize("name", DESIGN)
+def test_the_files_that_a_page_about_the_code_names_exist(name: str) -> None:
+    named = [code for code in code_of_a_page(name) if re.fullmatch(r"[\w/-]+(/|\.py|\.md)", code)]
+    places = {f"/{place}" for place in SOURCES} | {f"/{folder}" for folder in FOLDERS}
+    missing = [one for one in named if not any(p.endswith("/" + one.rstrip("/")) for p in places)]
+    assert not missing
+
+
+@pytest.mark.parametrize("name", DESIGN)
+def test_the_names_in_a_page_about_the_code_exist(name: str) -> None:
+    """A name of a module's is in this module, and any other one somewhere in the code."""
+    known, modules = words_of_the_code()
+    missing = []
+    for code in code_of_a_page(name):
+        if not re.fullmatch(r"[A-Za-z_][\w.]*(\(.*\))?", code) or code.endswith((".py", ".md")):
+            continue
+        words = code.partition("(")[0].split(".")
+        there = set(words) <= known | GONE
+        if len(words) > 2 and words[-2] in modules:
+            there &= words[-1] in modules[words[-2]]
+        missing += [] if there else [code]
+    assert not missing
+
+
+def test_the_page_of_the_engines_lists_all_files_of_rules() -> None:
+    text = PAGES["docs/explanation/engines.md"].read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`\w+\.py`.*?) \|", text, re.MULTILINE)
+    listed = [file for row in rows for file in re.findall(r"`(\w+\.py)`", row)]
+    there = {file.name for file in (ROOT / "desim_uav/rules").glob("*.py")} - {"__init__.py"}
+    assert sorted(listed) == sorted(there)
 
 
 def test_the_kinds_of_figures_are_those_there_are() -> None:

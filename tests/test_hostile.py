@@ -34,11 +34,11 @@ from desim_uav import array_file, cli
 from desim_uav.checksums import SUMS, of_files
 from desim_uav.cli.ending import complain
 from desim_uav.errors import DesimError
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.policies.tabular import Greedy, QTable, TableFile, described
 from desim_uav.scenario.load import load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.run_to_folder import run_to_folder
 
 LONGEST_S, MOST_MIB = 5.0, 512
 

@@ -9,7 +9,7 @@ import pytest
 import desim_uav as du
 from desim_uav.env.session import ActionError
 from desim_uav.errors import PolicyError, ScenarioError, SimulationError, UsageError
-from desim_uav.scenario.components import returns_a_value
+from desim_uav.scenario.conformance import returns_a_value
 from tests.command_line import runner
 
 SHORT = {"episode.steps": 2}

@@ -316,32 +316,6 @@ class TestFairness:
         assert self.of(*(unit * share for share in shares)) == pytest.approx(found)
 
 
-class TestLorenz:
-    def of(self, *shares):
-        return pd.DataFrame({"user": range(len(shares)), "qoe1": shares})
-
-    def test_two_to_one(self):
-        """Below the curve through (0, 0), (1/2, 1/3), (1, 1) lies 5/12."""
-        assert qoe.lorenz(self.of(1.0, 0.5)).tolist() == pytest.approx([0, 1 / 3, 1])
-        assert qoe.gini(self.of(1.0, 0.5)) == pytest.approx(1 - 2 * 5 / 12)
-
-    @pytest.mark.parametrize("users", [1, 2, 10])
-    def test_all_alike_or_one_has_it_all(self, users):
-        assert qoe.gini(self.of(*[0.3] * users)) == pytest.approx(0.0)
-        assert qoe.gini(self.of(0.8, *[0.0] * (users - 1))) == pytest.approx(1 - 1 / users)
-
-    def test_nobody_served_or_nobody_there(self):
-        assert qoe.gini(self.of(0.0, 0.0)) is None
-        assert qoe.gini(self.of()) is None
-
-    @settings(deadline=None)
-    @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=30))
-    def test_is_half_the_mean_difference_over_the_mean(self, shares):
-        apart = np.abs(np.subtract.outer(shares, shares)).mean()
-        found = qoe.gini(self.of(*shares))
-        assert found == pytest.approx(apart / (2 * np.mean(shares)), abs=1e-12)
-
-
 def test_times_that_are_rounded_make_no_share_above_100_percent():
     """A request that is open, and attached, for 4 µs: 1000.000007 - 1000.000003 is below 4e-6."""
     requests = frame(

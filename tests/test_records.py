@@ -11,7 +11,6 @@ import pytest
 
 from desim_uav import qoe
 from desim_uav.engine.base import EpisodeLog, Step
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.tables import steps_table
 from desim_uav.model.motion.motion import travelled
 from desim_uav.model.rules import US, Action, Mode
@@ -29,6 +28,7 @@ from desim_uav.records import (
 from desim_uav.scenario.load import load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.run_to_folder import run_to_folder
 
 SMALL = ("users.count=16", "episode.steps=12", "drones.battery.autonomy_min=6")
 OF_A_RUN = ("requests", "steps", "episodes", "users", "events", "legs")

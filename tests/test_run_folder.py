@@ -19,7 +19,7 @@ from desim_uav.disk import write_at, write_whole
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment import command
 from desim_uav.experiment import run as experiment_run
-from desim_uav.experiment.command import read_summary, run_to_folder
+from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.provenance import PACKAGES
 from desim_uav.experiment.run import headline
 from desim_uav.lock import held
@@ -29,6 +29,7 @@ from desim_uav.run_folder import RunDraft, RunPlace
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
+from tests.run_to_folder import run_to_folder
 
 SMALL = ("users.count=12", "episode.steps=8")
 FILES = [

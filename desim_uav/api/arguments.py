@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 import operator
 import sys
 import warnings
@@ -103,17 +102,6 @@ def whole(name: str, value: Any, low: int, high: int) -> int:
         number = low - 1
     if isinstance(value, bool) or not low <= number <= high:
         raise UsageError(f"{name}: {value!r}: must be a whole number from {low} to {high}")
-    return number
-
-
-def between(name: str, value: float, low: float, high: float) -> float:
-    """Return a number within its bounds. Raises UsageError."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if isinstance(value, bool | str) or not low <= number <= high:
-        raise UsageError(f"{name}: {value!r}: must be a number from {low:g} to {high:g}")
     return number
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any
 
 import pandas as pd
 
@@ -38,36 +38,6 @@ def lacking(name: str, where: str = "") -> DesimError:
     if name in IN_TIME:
         return NoEventsError(f"{where}the run kept no {name}; events=True keeps them")
     return UsageError(f"{where}the scenario has no access points")
-
-
-class Kept(Protocol):
-    """A run of one seed, wherever its tables are."""
-
-    folder: Path | None
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        """What the run says of itself."""
-
-    @property
-    def scenario(self) -> Scenario:
-        """The scenario as it was run."""
-
-    @property
-    def summary(self) -> dict[str, Any]:
-        """The measures over all counted episodes, and what was run."""
-
-    def groups(self, by: str) -> list[dict[str, Any]]:
-        """Return the measures of each group of counted requests."""
-
-    def table(self, name: str) -> pd.DataFrame:
-        """Return a table. Raises NoEventsError where the run has not kept it."""
-
-    def save(self, place: RunPlace) -> Path:
-        """Write the run folder."""
-
-    def source(self) -> AbstractContextManager[Source]:
-        """Have the run in a folder while a page that plays it is made."""
 
 
 class Tables:
@@ -102,31 +72,31 @@ class InMemory:
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """See ``Kept``."""
+        """What the run says of itself."""
         return self.recorded.manifest
 
     @property
     def scenario(self) -> Scenario:
-        """See ``Kept``."""
+        """The scenario as it was run."""
         return self.recorded.prepared.scenario
 
     @property
     def summary(self) -> dict[str, Any]:
-        """See ``Kept``."""
+        """The measures over all counted episodes, and what was run."""
         return self.recorded.summary
 
     def groups(self, by: str) -> list[dict[str, Any]]:
-        """See ``Kept``."""
+        """Return the measures of each group of counted requests."""
         if by == "service":
             return self.recorded.by_service
         return qoe.grouped(counted(self.table("requests")), by)
 
     def table(self, name: str) -> pd.DataFrame:
-        """See ``Kept``."""
+        """Return a table. Raises NoEventsError where the run has not kept it."""
         return self.tables.table(name)
 
     def save(self, place: RunPlace) -> Path:
-        """See ``Kept``."""
+        """Write the run folder."""
         with place.draft() as draft:
             with draft.tables() as write:
                 for name, frame in self.tables.parts():
@@ -136,7 +106,7 @@ class InMemory:
 
     @contextmanager
     def source(self) -> Iterator[Source]:
-        """See ``Kept``."""
+        """Have the run in a folder while a page that plays it is made."""
         with TemporaryDirectory(prefix="desim-uav-") as scratch:
             folder = self.save(RunPlace(Path(scratch) / default_place(self, None).name, ""))
             yield Source(folder, self.recorded.prepared.policy, passing=True)
@@ -160,25 +130,25 @@ class InFolder:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """See ``Kept``."""
+        """See ``InMemory``."""
         return read_scenario(self._folder)
 
     @property
     def summary(self) -> dict[str, Any]:
-        """See ``Kept``."""
+        """See ``InMemory``."""
         if self._summary is None:
             self._summary, _ = read_summary(self._folder)
         return self._summary
 
     def groups(self, by: str) -> list[dict[str, Any]]:
-        """See ``Kept``."""
+        """See ``InMemory``."""
         if self._done is not None and by == "service":
             return self._done.by_service
         self._summary, groups = read_summary(self._folder, by)
         return groups or []
 
     def table(self, name: str) -> pd.DataFrame:
-        """See ``Kept``."""
+        """See ``InMemory``."""
         if name in OPTIONAL and not (self._folder / f"{name}.parquet").exists():
             raise lacking(name, f"{self._folder}: ")
         frame = read_table(self._folder, name, TABLES[name])
@@ -187,7 +157,7 @@ class InFolder:
         return frame
 
     def save(self, place: RunPlace) -> Path:
-        """See ``Kept``."""
+        """See ``InMemory``."""
         with place.draft() as draft:
             for file in (self._folder / name for name in FILES):
                 verify(file)
@@ -197,8 +167,12 @@ class InFolder:
 
     @contextmanager
     def source(self) -> Iterator[Source]:
-        """See ``Kept``."""
+        """See ``InMemory``."""
         yield Source(self._folder)
+
+
+Kept = InMemory | InFolder
+"""A run of one seed, wherever its tables are."""
 
 
 def default_place(run: Kept, out: Path | None) -> RunPlace:

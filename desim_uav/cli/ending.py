@@ -33,7 +33,7 @@ def ended(
         raise typer.Exit(130) from None
 
 
-def print_json(content: Any) -> None:
+def print_json(content: object) -> None:
     """Print plain data as one JSON object."""
     print(json.dumps(content, indent=1))
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 import builtins
 import inspect
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from types import NoneType, UnionType
+from types import ModuleType, NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 import typer
@@ -61,7 +61,7 @@ def made(
             values.pop(NO_PLUGINS.name, None)
             work(arguments, **values)
 
-        command.__name__ = work.__name__
+        command.__name__, command.__module__ = work.__name__, work.__module__
         command.__doc__ = about(verb)
         made_of = {each.name: each for each in (*own, *terminal)}
         command.__annotations__ = {each.name: each.annotation for each in made_of.values()}
@@ -69,6 +69,13 @@ def made(
         return command
 
     return decorate
+
+
+def commands_of(module: ModuleType) -> Iterator[Work]:
+    """Yield the commands that are made in a module, in their order there."""
+    for one in vars(module).values():
+        if getattr(one, "__module__", "") == module.__name__ and hasattr(one, "__signature__"):
+            yield one
 
 
 @cache
@@ -114,7 +121,7 @@ def hint_of(verb: Verb, parameter: inspect.Parameter) -> Any:
     return eval(parameter.annotation, names, _InTerminals(vars(builtins) | names))
 
 
-def kind_of(hint: Any, look: OptionLook) -> Any:
+def kind_of(hint: object, look: OptionLook) -> Any:
     """Return the type that typer is told of."""
     members = _alternatives(hint)
     if members == [bool]:
@@ -127,7 +134,7 @@ def kind_of(hint: Any, look: OptionLook) -> Any:
     return list[one] if many and not look.commas else one
 
 
-def _alternatives(hint: Any) -> list[Any]:
+def _alternatives(hint: object) -> list[Any]:
     """Return the types that an annotation allows beside None."""
     if get_origin(hint) is Annotated:
         return _alternatives(get_args(hint)[0])
@@ -136,7 +143,7 @@ def _alternatives(hint: Any) -> list[Any]:
     return [hint] if hint is not NoneType else []
 
 
-def _is_sequence(hint: Any) -> bool:
+def _is_sequence(hint: object) -> bool:
     return get_origin(hint) is Sequence
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from typing import Annotated, Any, NoReturn
@@ -15,6 +14,7 @@ from desim_uav import __version__
 from desim_uav.api.invocation import begun_by
 from desim_uav.cli import basics, bench, learning, pictures, runs
 from desim_uav.cli.ending import complain
+from desim_uav.cli.made import commands_of
 from desim_uav.cli.plain import PlainCommand, PlainGroup
 from desim_uav.errors import DesimError, UsageError, drop
 from desim_uav.experiment.interrupt import INTERRUPTED, end_politely, leave
@@ -29,25 +29,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-COMMANDS: list[Callable[..., None]] = [
-    basics.scenarios,
-    basics.validate,
-    basics.schema,
-    runs.run,
-    learning.train,
-    learning.optimum,
-    learning.reproduce,
-    runs.qoe,
-    runs.compare,
-    runs.sweep,
-    pictures.replay,
-    pictures.report,
-    pictures.plot,
-    pictures.video,
-    basics.gallery,
-    basics.doctor,
-]
-"""As `--help` lists them."""
+GROUPS = (basics, runs, learning, pictures)
+"""The modules of the commands, which `--help` lists in their order."""
 
 
 def main() -> NoReturn:
@@ -139,6 +122,7 @@ def _flushed(code: int) -> int:
     return code
 
 
-for command in COMMANDS:
-    app.command(cls=PlainCommand)(command)
+for group in GROUPS:
+    for command in commands_of(group):
+        app.command(cls=PlainCommand)(command)
 app.add_typer(bench.app, name="bench")

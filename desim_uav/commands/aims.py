@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from desim_uav.commands.given import Command, CommandError, index_of, naming, re
 from desim_uav.drone_type import DroneType
 from desim_uav.model.rules import Action
 from desim_uav.rules.words import AIMS
+
+if TYPE_CHECKING:
+    from gymnasium.spaces import Box
 
 NUMBERS = ("aim_x", "aim_y", "aim_z", "aim_cruise", "aim_charge")
 """The names of the AIMS numbers that a command of free flight can have, in their order: those of
@@ -73,7 +76,7 @@ class FreeCommands(AlikeCommands):
         numbers = self.numbers(drone)
         return f"{numbers} finite numbers, or the index of an action: {self._in_words}"
 
-    def read(self, drone: int, answer: Any) -> Any:
+    def read(self, drone: int, answer: object) -> Any:
         """Return the answer of a policy as numbers or an index, or None if it is no command."""
         try:
             return answer if self.aim(drone, answer) else index_of(self.actions, answer)
@@ -128,15 +131,15 @@ class FreeCommands(AlikeCommands):
             aim[column] = number
         return tuple(aim)
 
-    def space(self, drone: int) -> Any:
+    def space(self, drone: int) -> Box:
         """Return Gymnasium's space of a drone's commands: its numbers."""
         return _box(self.numbers(drone))
 
-    def entries(self, drone: int) -> Any:
+    def entries(self, drone: int) -> list[int]:
         """Return which entries of a mask are those of a drone's type."""
         return [self.actions.index(action) for action in self.own(drone).actions]
 
-    def checked(self, drone: int, command: Any) -> list[float]:
+    def checked(self, drone: int, command: object) -> list[float]:
         """Return the numbers of a drone. Raises CommandError, with the drone."""
         with naming(drone):
             numbers: list[float] = real_numbers(command, (self.numbers(drone),)).tolist()
@@ -144,11 +147,11 @@ class FreeCommands(AlikeCommands):
 
     # ---- of all drones
 
-    def space_of(self, drones: int) -> Any:
+    def space_of(self, drones: int) -> Box:
         """Return Gymnasium's space of the commands of so many drones as one action."""
         return _box(drones * len(self.names))
 
-    def space_of_each(self, count: int) -> Any:
+    def space_of_each(self, count: int) -> Box:
         """Return the space of the commands of each drone in so many environments."""
         return _box(count, *self.shape_of_each)
 
@@ -159,16 +162,16 @@ class FreeCommands(AlikeCommands):
             numbers[drone, : self.numbers(drone)] = self.checked(drone, one)
         return numbers.reshape(-1)
 
-    def split(self, action: Any) -> list[Command]:
+    def split(self, action: object) -> list[Command]:
         """Return the numbers of each drone."""
         numbers = real_numbers(action, self.shape).reshape(self.shape_of_each)
         return [*numbers.tolist()]
 
-    def arrays(self, action: Any) -> Arrays:
+    def arrays(self, action: object) -> Arrays:
         """Return the index of the first action, which is to fly, and the numbers of each drone."""
         return self._arrays(real_numbers(action, self.shape))
 
-    def arrays_of(self, count: int, actions: Any, by_drone: bool) -> Arrays:
+    def arrays_of(self, count: int, actions: object, by_drone: bool) -> Arrays:
         """Return the actions of so many environments as arrays, ``by_drone`` with an axis for it.
 
         Otherwise the numbers of the drones come one after the other.
@@ -182,9 +185,9 @@ class FreeCommands(AlikeCommands):
         aims[:, :, self._columns] = numbers
         return np.zeros(numbers.shape[:2], np.int64), aims
 
-    def best(self, scores: NDArray[Any], masks: Any) -> list[Any]:
+    def best(self, scores: NDArray[Any], masks: object) -> list[Command]:
         """Return the numbers that a network says (drones, outputs), cut off at -1 and 1."""
-        numbers: list[list[float]] = scores.clip(-1.0, 1.0).tolist()
+        numbers: list[Command] = scores.clip(-1.0, 1.0).tolist()
         return numbers
 
     def kept(self, aims: Sequence[float]) -> Kept:
@@ -211,7 +214,7 @@ def take_aim(drone: Any, aim: Sequence[float]) -> None:
     course.aim_x, course.aim_y, course.aim_z, course.aim_cruise, course.aim_charge = aim
 
 
-def _box(*shape: int) -> Any:
+def _box(*shape: int) -> Box:
     from gymnasium.spaces import Box  # which takes long to import
 
     return Box(-1.0, 1.0, shape, np.float32)

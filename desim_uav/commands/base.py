@@ -56,10 +56,10 @@ class Commands(Protocol):
     def joined(self, commands: Sequence[Any]) -> Any:
         """Return a command of each drone as one action. Raises CommandError, with the drone."""
 
-    def split(self, action: Any) -> Sequence[Command]:
+    def split(self, action: object) -> Sequence[Command]:
         """Return the action of an environment as a command of each drone. Raises CommandError."""
 
-    def arrays(self, action: Any) -> Arrays:
+    def arrays(self, action: object) -> Arrays:
         """Return the action of an environment as arrays. Raises CommandError.
 
         Whether indices are those of actions is not checked.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from desim_uav.commands.given import (
     out_of_range,
     whole_numbers,
 )
+
+if TYPE_CHECKING:
+    from gymnasium.spaces import Discrete, MultiDiscrete
 
 
 class CellCommands(AlikeCommands):
@@ -60,7 +63,7 @@ class CellCommands(AlikeCommands):
         """Return in words what a drone can be commanded."""
         return f"the index of an action, a whole number: {self._in_words}"
 
-    def read(self, drone: int, answer: Any) -> Any:
+    def read(self, drone: int, answer: object) -> Any:
         """Return the answer of a policy as an index, which may be that of no action, or None."""
         return index_of(self.actions, answer)
 
@@ -80,17 +83,17 @@ class CellCommands(AlikeCommands):
         """
         drone.command = self.index(drone.index, command)
 
-    def space(self, drone: int) -> Any:
+    def space(self, drone: int) -> Discrete:
         """Return Gymnasium's space of a drone's commands: the actions of its type."""
         from gymnasium.spaces import Discrete  # which takes long to import
 
         return Discrete(len(self.own(drone).actions))
 
-    def entries(self, drone: int) -> Any:
+    def entries(self, drone: int) -> slice:
         """Return which entries of a mask are those of a drone's type: the first ones."""
         return slice(len(self.own(drone).actions))
 
-    def checked(self, drone: int, index: Any) -> int:
+    def checked(self, drone: int, index: object) -> int:
         """Return the index of an action of a drone's type. Raises CommandError, with the drone."""
         last = len(self.own(drone).actions) - 1
         with naming(drone):
@@ -101,14 +104,14 @@ class CellCommands(AlikeCommands):
 
     # ---- of all drones
 
-    def space_of(self, drones: int) -> Any:
+    def space_of(self, drones: int) -> Discrete | MultiDiscrete:
         """Return Gymnasium's space of the commands of so many drones as one action."""
         from gymnasium.spaces import Discrete, MultiDiscrete
 
         actions = len(self.actions)
         return Discrete(actions) if drones == 1 else MultiDiscrete([actions] * drones)
 
-    def space_of_each(self, count: int) -> Any:
+    def space_of_each(self, count: int) -> MultiDiscrete:
         """Return the space of the commands of each drone in so many environments."""
         from gymnasium.spaces import MultiDiscrete
 
@@ -120,18 +123,18 @@ class CellCommands(AlikeCommands):
             commands = [self.checked(drone, one) for drone, one in enumerate(commands)]
         return commands if len(commands) != 1 else commands[0]
 
-    def split(self, action: Any) -> list[Command]:
+    def split(self, action: object) -> list[Command]:
         """Return the index of each drone."""
         commands: list[int] = whole_numbers(action, self.shape).reshape(-1).tolist()
         if min(commands) < 0 or max(commands) >= len(self.actions):
             raise out_of_range(commands, self.actions)
         return [*commands]
 
-    def arrays(self, action: Any) -> Arrays:
+    def arrays(self, action: object) -> Arrays:
         """Return the index of each drone (1, drones)."""
         return whole_numbers(action, self.shape).reshape(1, -1), None
 
-    def arrays_of(self, count: int, actions: Any, by_drone: bool) -> Arrays:
+    def arrays_of(self, count: int, actions: object, by_drone: bool) -> Arrays:
         """Return the actions of so many environments as arrays, which have an axis of drones.
 
         That of a single drone may be missing unless they must be ``by_drone``.
@@ -141,12 +144,12 @@ class CellCommands(AlikeCommands):
             shapes.insert(0, (count,))
         return whole_numbers(actions, *shapes).reshape(shapes[-1]), None
 
-    def best(self, scores: NDArray[Any], masks: Any) -> list[Any]:
+    def best(self, scores: NDArray[Any], masks: Any) -> list[Command]:
         """Return the best allowed action of each drone by a network (drones, outputs).
 
         Of equally good ones it is the first.
         """
-        best: list[int] = np.where(masks, scores, -np.inf).argmax(axis=1).tolist()
+        best: list[Command] = np.where(masks, scores, -np.inf).argmax(axis=1).tolist()
         return best
 
     def kept(self, aims: Sequence[float]) -> Kept:

@@ -44,7 +44,7 @@ def index_of(actions: Sequence[Choice], answer: Any) -> int | None:
     return None if "bool" in str(getattr(answer, "dtype", type(answer).__name__)) else whole
 
 
-def whole_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.int64]:
+def whole_numbers(actions: object, *shapes: tuple[int, ...]) -> NDArray[np.int64]:
     """Return actions as int64; they must have one of these shapes. Raises CommandError."""
     try:
         numbers = np.asarray(actions)
@@ -59,7 +59,7 @@ def whole_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.int64]:
     return numbers
 
 
-def real_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
+def real_numbers(actions: object, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
     """Return actions as float64; they must have one of these shapes. Raises CommandError."""
     try:
         numbers = np.asarray(actions, np.float64)
@@ -72,7 +72,7 @@ def real_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
     return numbers
 
 
-def out_of_range(commands: Any, actions: Sequence[Choice]) -> CommandError:
+def out_of_range(commands: object, actions: Sequence[Choice]) -> CommandError:
     """Return the error of commands of which at least one is not an action."""
     return CommandError(f"actions must be from 0 to {len(actions) - 1}, not {commands}")
 

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.commands.given import Command
 from desim_uav.engine import base
 from desim_uav.engine.carry import MODES, CarryOver
 from desim_uav.engine.constants import term_names
@@ -77,7 +78,7 @@ class Engine(CarryOver):
         """
 
     @abstractmethod
-    def step(self, commands: Sequence[int]) -> Snapshot:
+    def step(self, commands: Sequence[Command]) -> Snapshot:
         """Give each drone its command, an index into the world's actions, and run one step.
 
         A command that the mask forbids is replaced by the only allowed action, or by hover if
@@ -97,7 +98,7 @@ class Engine(CarryOver):
 
     # ---- commands and snapshots
 
-    def hear(self, commands: Sequence[int]) -> None:
+    def hear(self, commands: Sequence[Command]) -> None:
         """Write a step's commands into the drones' rows. Raises the errors of ``step``."""
         if self.latest is None or self.latest.terminated or self.latest.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")

@@ -84,7 +84,7 @@ def check_command(one: CarriedDrone, world: World, own: DroneType) -> None:
         require(lasts_us == at_most_us, "a drone does not hover for as long as it says")
 
 
-def _hop(start: Point, stop: Point, value: Any, world: World) -> tuple[int, int, int]:
+def _hop(start: Point, stop: Point, value: object, world: World) -> tuple[int, int, int]:
     """Return the cells and levels from one place to another, which must be those of ``value``."""
     dx, dy, dlevel = (b - a for a, b in zip(_cell(start, world), _cell(stop, world), strict=True))
     require(value == [dx, dy, dlevel], f"a leg from {start} m to {stop} m is not by {value!r:.40}")

@@ -22,7 +22,7 @@ def plain(drones: Carried | None) -> Any:
     ]
 
 
-def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
+def checked(value: object, world: World, ceilings: Sequence[bool]) -> Carried:
     """Return plain data as the states of drones. Raises ValueError if no drone can be in one."""
     drones = listed(value, world.scenario.drone_count)
     return tuple(
@@ -31,7 +31,7 @@ def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
     )
 
 
-def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDrone:
+def _drone(value: object, world: World, ceiling: bool, own: DroneType) -> CarriedDrone:
     value = listed(value)
     rest_us, taken = value[10:] if len(value) == 12 else (0, 0)
     free = value[9] if len(value) in (10, 12) else None
@@ -108,19 +108,19 @@ def _along(node: Node, hops: Sequence[Node]) -> list[Node]:
     return nodes
 
 
-def _node(value: Any, least: Node, most: Node) -> Node:
+def _node(value: object, least: Node, most: Node) -> Node:
     x, y, level = map(whole, listed(value, 3), least, most)
     return x, y, level
 
 
-def _hop(value: Any) -> Node:
+def _hop(value: object) -> Node:
     hop = _node(value, (-1, -1, -1), (1, 1, 1))
     if sum(map(abs, hop)) != 1:
         raise ValueError(f"{hop} is no hop")
     return hop
 
 
-def _place(value: Any, world: World) -> tuple[float, float]:
+def _place(value: object, world: World) -> tuple[float, float]:
     x_m, y_m = map(number, listed(value, 2))
     if not (0.0 <= x_m <= world.area.width_m and 0.0 <= y_m <= world.area.depth_m):
         raise ValueError(f"({x_m}, {y_m}) m is off the map")

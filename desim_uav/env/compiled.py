@@ -170,7 +170,7 @@ class CompiledSession(Session):
     def _resume(self) -> None:
         self._look()
 
-    def _step(self, action: Any) -> tuple[float, bool, bool]:
+    def _step(self, action: object) -> tuple[float, bool, bool]:
         indices, aims = as_commands(self.world.commands.arrays, action)
         if aims is not None:
             calls.aim_all(self._row.addresses, aims, ONE)

@@ -208,7 +208,7 @@ class Many(VectorSaving, Independent):
         """What the drones of an environment can be commanded."""
         return self.sessions[0].world.commands.of_all("an environment whose actions are one array")
 
-    def advance(self, actions: Any, over: Flags, by_drone: bool) -> None:
+    def advance(self, actions: object, over: Flags, by_drone: bool) -> None:
         """Give the environments their actions, and run each to its next epoch.
 
         Those whose episodes are ``over`` begin their next ones instead, whatever their actions.

@@ -43,7 +43,7 @@ class UavMoEnv(UavEnv):
         self.reward_dim = len(self.reward_terms)
 
     def step(  # type: ignore[override]
-        self, action: Any
+        self, action: object
     ) -> tuple[NDArray[Any], Vector, bool, bool, dict[str, Any]]:
         """Take one action per drone and run to the next decision epoch (see ``UavEnv.step``)."""
         observation, _, terminated, truncated, info = super().step(action)

@@ -187,7 +187,7 @@ class Session(Independent):
         self._blank: dict[str, Any] = dict.fromkeys(info_keys(tuple(names)), 0)
         self._blank |= zip(WHICH, self.which(episode), strict=True)
 
-    def step(self, action: Any) -> tuple[float, bool, bool]:
+    def step(self, action: object) -> tuple[float, bool, bool]:
         """Give each drone its action and run to the next decision epoch.
 
         ``action``: one whole number per drone; for a single drone it is that number. In free
@@ -203,7 +203,7 @@ class Session(Independent):
         self._over = terminated or truncated
         return reward, terminated, truncated
 
-    def _step(self, action: Any) -> tuple[float, bool, bool]:
+    def _step(self, action: object) -> tuple[float, bool, bool]:
         commands: Any = as_commands(self.world.commands.split, action)
         snapshot = self._snapshot = self.engine.step(commands)
         return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated

@@ -104,7 +104,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         return self.session.observation(), self.session.info()
 
     @alone
-    def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+    def step(self, action: object) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Take one action per drone, (drones,), and run to the next decision epoch.
 
         A masked action is replaced by the only allowed one, or by hover. Raises ResetNeeded

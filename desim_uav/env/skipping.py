@@ -17,7 +17,7 @@ import gymnasium
 import numpy as np
 from gymnasium import error
 from gymnasium.spaces import Box
-from pettingzoo.utils import BaseParallelWrapper  # type: ignore[import-untyped]
+from pettingzoo.utils import BaseParallelWrapper
 
 from desim_uav.copies import Independent
 from desim_uav.env.arguments import ArgumentError, typed
@@ -45,7 +45,7 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         self.gamma = _checked(gamma)
         self._drones = int(env.unwrapped.drones)  # type: ignore[attr-defined]
 
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: object) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take an action, and then the only allowed ones until there is a choice."""
         gained, way = 0.0, Way()
         while True:
@@ -77,7 +77,7 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
     """
 
     @typed
-    def __init__(self, env: Any, gamma: float = 1.0) -> None:
+    def __init__(self, env: object, gamma: float = 1.0) -> None:
         """Wrap an environment. Raises gymnasium's Error if not 0 < ``gamma`` <= 1."""
         _require(UavParallelEnv, env)
         super().__init__(env)
@@ -144,7 +144,7 @@ class Way:
         return {"duration_steps": self.steps, "discount": self.discount}
 
 
-def _require(wrapped: type, env: Any) -> None:
+def _require(wrapped: type, env: object) -> None:
     """Raise ArgumentError if an environment is none of this class, and no wrapper of one."""
     if not isinstance(getattr(env, "unwrapped", None), wrapped):
         text = in_short(repr(env), 100)

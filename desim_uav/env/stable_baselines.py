@@ -136,7 +136,7 @@ class UavVecEnv(Independent, VecEnv):
             return [None for _ in self._get_indices(indices)]
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: object, indices: object = None) -> None:
         """Raise AttributeError, because environments cannot be changed after construction."""
         raise AttributeError(f"{attr_name}: attributes cannot be set; make a new UavVecEnv")
 

@@ -8,14 +8,14 @@ HIGHEST = 2**53
 """No whole number is larger, so that all of them are exact as 64-bit numbers of either kind."""
 
 
-def listed(value: Any, length: int | None = None) -> list[Any]:
+def listed(value: object, length: int | None = None) -> list[Any]:
     """Return a list. Raises ValueError if it is none, or not of this length."""
     if not isinstance(value, list) or length not in (None, len(value)):
         raise ValueError(f"{value!r:.40} is no list of {length or 'hops'}")
     return value
 
 
-def whole(value: Any, least: int, most: int) -> int:
+def whole(value: object, least: int, most: int) -> int:
     """Return a whole number. Raises ValueError if it is none, or not between two others."""
     if type(value) is not int or not least <= value <= most:
         raise ValueError(f"{value!r:.40} is not a whole number from {least} to {most}")

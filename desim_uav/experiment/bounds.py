@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from desim_uav.experiment.statistics import Estimate, estimate
+from desim_uav.experiment.statistics import estimate
 from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.optimum.run.bound import ROUNDS, BoundedRun
 from desim_uav.optimum.run.schedule import TURNS
@@ -34,7 +34,7 @@ def bounds(
     """
     refuse_other_models(scenario, several_types=True)
     rows = [_row(scenario, seed, episodes, schedule, on_work) for seed in seeds]
-    means = {name: _plain(estimate(row[name] for row in rows)) for name in MEASURES}
+    means = {name: estimate(row[name] for row in rows).values() for name in MEASURES}
     return {"episodes": episodes, "means": means, "seeds": rows}
 
 
@@ -49,14 +49,4 @@ def _row(
         "world_seed": seeded.effective_world_seed,
         **{name: getattr(bound, name) for name in MEASURES},
         "gap_percent": bound.gap_percent,
-    }
-
-
-def _plain(estimate: Estimate) -> dict[str, Any]:
-    return {
-        "n": estimate.n,
-        "mean": estimate.mean,
-        "half_width": estimate.half_width,
-        "low": estimate.low,
-        "high": estimate.high,
     }

@@ -127,34 +127,6 @@ def place_of(scenario: Scenario, policy: PolicyLike, out: Path | None) -> RunPla
     return RunPlace(out, f"{scenario.name}-{label_of(policy_name(policy))}-s{scenario.seed}")
 
 
-def run_to_folder(
-    scenario: Scenario,
-    policy: PolicyLike,
-    *,
-    episodes: int,
-    warmup: int,
-    keep_events: bool,
-    out: Path | None,
-    command: Sequence[str],
-    engine: str = "des",
-    say: Callable[[str], None] = lambda notice: None,
-    advance: Callable[[], None] = lambda: None,
-) -> Done:
-    """Run a policy and write the run folder.
-
-    ``engine`` is auto, des or batch. Errors in the scenario, the policy or ``out`` are raised
-    before anything is written. The first Ctrl-C ends the run after the current episode, a second
-    one at once; finished episodes are kept. Raises KeyboardInterrupt, and keeps nothing, if no
-    counted episode has ended.
-    """
-    prepared = prepare(scenario, policy, engine, keep_events)
-    place = place_of(scenario, policy, out)
-    if prepared.notice:
-        say(prepared.notice)
-    how = How(episodes, warmup, keep_events, engine, command)
-    return write_run(prepared, how, place, advance)
-
-
 def write_run(
     prepared: Prepared,
     how: How,

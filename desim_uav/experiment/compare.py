@@ -25,7 +25,7 @@ from desim_uav.escaped import csv_cell
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.processes import run_each
-from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
+from desim_uav.experiment.statistics import LEVEL, estimate, paired
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, policy_name
@@ -169,7 +169,7 @@ class Comparison:
             "policy": policy,
             "seeds": [r.seed for r in runs],
             "measures": {
-                name: _plain(estimate(r.measures[name] for r in runs)) for name in self.measures
+                name: estimate(r.measures[name] for r in runs).values() for name in self.measures
             },
         }
 
@@ -182,7 +182,7 @@ class Comparison:
                 [of[key].measures[name] for key in common] for of in (runs, reference)
             )
             minus = paired(values, references)
-            return _plain(minus) | {"excludes_zero": minus.excludes_zero}
+            return minus.values() | {"excludes_zero": minus.excludes_zero}
 
         return {
             "policy": policy,
@@ -378,13 +378,3 @@ def _html(rows: Sequence[dict[str, Any]]) -> str:
     ]
     headings = ["measure", "policy", "seeds", "mean", "", "", ""]
     return notebook.table(headings, cells, words=[0, 1])
-
-
-def _plain(estimate: Estimate) -> dict[str, Any]:
-    return {
-        "n": estimate.n,
-        "mean": estimate.mean,
-        "half_width": estimate.half_width,
-        "low": estimate.low,
-        "high": estimate.high,
-    }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.command import read_summary
@@ -104,7 +103,7 @@ def _fits(run: _Run, first: _Run) -> None:
         )
 
 
-def _difference(one: Any, other: Any, path: tuple[str, ...] = ()) -> str | None:
+def _difference(one: object, other: object, path: tuple[str, ...] = ()) -> str | None:
     """Return the first key other than ``name`` in which two scenarios differ, with both values."""
     if isinstance(one, dict) and isinstance(other, dict):
         for key in [*one, *(key for key in other if key not in one)]:

@@ -122,7 +122,7 @@ def asking() -> list[int]:
     ]
 
 
-def _is_ours(handler: Any) -> bool:
+def _is_ours(handler: object) -> bool:
     """Return whether a handler is Python's own or this module's, and not the program's."""
     default = handler in (signal.SIG_DFL, signal.default_int_handler)
     return default or getattr(handler, "__module__", None) == __name__

@@ -37,6 +37,11 @@ class Estimate:
         """The upper end of the interval."""
         return self._at(1)
 
+    def values(self) -> dict[str, int | float | None]:
+        """Return the estimate as plain values, with the ends of its interval."""
+        names = ("n", "mean", "half_width", "low", "high")
+        return {name: getattr(self, name) for name in names}
+
     @property
     def excludes_zero(self) -> bool | None:
         """Whether zero lies outside the interval; None if there is no interval."""
@@ -66,7 +71,7 @@ def estimate(values: Iterable[float | None]) -> Estimate:
     mean = float(there.mean())
     if len(there) == 1:
         return Estimate(1, mean, None)
-    from scipy.stats import t  # type: ignore[import-untyped]
+    from scipy.stats import t
 
     error = float(there.std(ddof=1)) / math.sqrt(len(there))
     return Estimate(len(there), mean, float(t.ppf((1 + LEVEL) / 2, len(there) - 1)) * error)

@@ -14,6 +14,7 @@ from desim_uav.model.motion.motion import REST, TransitLeg
 from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.optimum.paper_model import refuse_other_models
+from desim_uav.registry import kind_name
 from desim_uav.world import World
 
 LARGEST = 2 * 10**8
@@ -88,7 +89,7 @@ def refuse_walks(world: World) -> None:
     if type(mobility) is not Static:
         raise UsageError(
             f"users.mobility: the best cells can be computed for static users only, "
-            f"not for {type(mobility).kind!r}"  # type: ignore[attr-defined]
+            f"not for {kind_name(mobility)!r}"
         )
 
 

@@ -13,7 +13,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.motion.motion import cruise_of
 from desim_uav.model.radio.radio import Disc
 from desim_uav.model.services import has_volumes, is_one_time
-from desim_uav.scenario.components import described
+from desim_uav.registry import kind_name
 from desim_uav.scenario.schema import Scenario
 
 ONLY = "the optimum can be computed only"
@@ -48,15 +48,15 @@ def _problems(scenario: Scenario, several_types: bool) -> Iterator[str]:
         )
     association = scenario.association
     radios: list[Any] = [drones.radio for drones in scenario.fleet]
-    for kind in dict.fromkeys(_kind(radio) for radio in radios if type(radio) is not Disc):
+    for kind in dict.fromkeys(kind_name(radio) for radio in radios if type(radio) is not Disc):
         yield (
             f"drones.radio.kind: {kind}: {ONLY} with disc, where a user is covered within "
             "drones.footprint_radius_m"
         )
     if association.by_level:
         yield (
-            f"association.kind: {_kind(association)}: {ONLY} with entered_first, which compares no "
-            "levels"
+            f"association.kind: {kind_name(association)}: {ONLY} with entered_first, which "
+            "compares no levels"
         )
     if scenario.access_points:
         count = len(scenario.access_points)
@@ -70,10 +70,6 @@ def _problems(scenario: Scenario, several_types: bool) -> Iterator[str]:
         if not is_one_time(service):
             other = "a volume" if has_volumes(service) else "several times"
             yield (
-                f"services.{name}.kind: {_kind(service)}: {ONLY} with services that ask for a time "
-                f"(hold), not for {other}"
+                f"services.{name}.kind: {kind_name(service)}: {ONLY} with services that ask for "
+                f"a time (hold), not for {other}"
             )
-
-
-def _kind(component: Any) -> str:
-    return str(described(component)["kind"])

@@ -17,6 +17,7 @@ from desim_uav.model.rules import MOVES, Action, kind_of
 from desim_uav.optimum.footprints import refuse_walks
 from desim_uav.optimum.lone_drone import LoneDrone, LoneState, LoneStep
 from desim_uav.optimum.paper_model import refuse_other_models
+from desim_uav.registry import kind_name
 from desim_uav.rules.admission import FirstCome
 from desim_uav.rules.flight import can_enter
 from desim_uav.rules.rewards import Coverage, CoverageBattery
@@ -106,19 +107,16 @@ def refuse_what_is_random(world: World) -> None:
     if scenario.position_noise is not None:
         raise UsageError(f"position_noise: {only} without position noise (null)")
     if getattr(scenario.reward, "keeps_credit", False):
-        kind = getattr(scenario.reward, "kind", type(scenario.reward).__name__)
         raise UsageError(
             f"reward.kind: {only} for a reward of what there is when a step ends, not for "
-            f"{kind!r}, which pays for what happens during the step"
+            f"{kind_name(scenario.reward)!r}, which pays for what happens during the step"
         )
     if type(scenario.reward) in NO_REQUESTS:
         return
     if type(demand) is not Continuous:
-        kind = type(demand).kind  # type: ignore[attr-defined]
         raise UsageError(
-            f"demand.kind: {only} with continuous demand, not {kind!r}, unless the reward is "
-            f"coverage or coverage_battery"
+            f"demand.kind: {only} with continuous demand, not {kind_name(demand)!r}, unless "
+            f"the reward is coverage or coverage_battery"
         )
     if type(admission) is not FirstCome:
-        kind = type(admission).kind  # type: ignore[attr-defined]
-        raise UsageError(f"drones.admission: {only} with first_come, not {kind!r}")
+        raise UsageError(f"drones.admission: {only} with first_come, not {kind_name(admission)!r}")

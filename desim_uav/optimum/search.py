@@ -51,8 +51,8 @@ def best_cover(
     program are the number of drones over each footprint, and the covered part of each group of
     users, who are those in the same footprints.
     """
-    from scipy.optimize import Bounds, LinearConstraint, milp  # type: ignore[import-untyped]
-    from scipy.sparse import csr_array, eye_array, hstack  # type: ignore[import-untyped]
+    from scipy.optimize import Bounds, LinearConstraint, milp
+    from scipy.sparse import csr_array, eye_array, hstack
 
     contained, users = np.unique(covers.T, axis=0, return_counts=True)
     places, groups = len(covers), len(users)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from desim_uav.commands.given import Command
 from desim_uav.world import World
 
 MOST_SHOWN = 80
@@ -14,7 +15,7 @@ class NoCommandError(ValueError):
     """An answer of a policy is not a command. The message has the drone and what is allowed."""
 
 
-def commands_of(answers: Any, world: World) -> list[Any]:
+def commands_of(answers: Any, world: World) -> list[Command]:
     """Return the answers of a policy as commands: indices of actions, or numbers of free flight.
 
     There must be one for each drone. Raises NoCommandError. An action that the mask forbids is
@@ -27,7 +28,7 @@ def commands_of(answers: Any, world: World) -> list[Any]:
         count = -1
     if count != drones:
         raise _refused(answers, f"; allowed: a list with a command for each of {drones} drone(s)")
-    commands: list[Any] = []
+    commands: list[Command] = []
     for drone, answer in enumerate(answers):
         own = world.commands.of(drone)
         command = answer if type(answer) is int else own.read(drone, answer)
@@ -37,7 +38,7 @@ def commands_of(answers: Any, world: World) -> list[Any]:
     return commands
 
 
-def _refused(answer: Any, what: str) -> NoCommandError:
+def _refused(answer: object, what: str) -> NoCommandError:
     text = f"{answer!r}"
     text = text[:MOST_SHOWN] + "…" * (len(text) > MOST_SHOWN)
     return NoCommandError(f"it returned {text}{what}")

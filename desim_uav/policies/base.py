@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from desim_uav import array_file
+from desim_uav.commands.given import Command
 from desim_uav.errors import DesimError, PolicyError, did_you_mean
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation, Snapshot
@@ -43,7 +44,7 @@ class Policy(Protocol):
         that the drones continue from where the previous episode left them.
         """
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int | Sequence[float]:
         """Return the action of ``observation.drone`` as an index into ``world.actions``.
 
         In free flight, it can also be a sequence with the numbers of a command, from -1 to 1.
@@ -57,7 +58,7 @@ class JointPolicy(Policy, Protocol):
 
     def act_jointly(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-    ) -> Sequence[int]:
+    ) -> Sequence[int | Sequence[float]]:
         """Return the actions of all drones in their order. It is called instead of ``act``."""
 
 
@@ -82,14 +83,14 @@ class Remembering(Policy, Protocol):
     def memory(self) -> Any:
         """Return what the policy remembers now, as plain data that JSON has."""
 
-    def remember(self, memory: Any) -> None:
+    def remember(self, memory: object) -> None:
         """Remember what ``memory`` has returned, after ``begin`` in the same world."""
 
 
 class Trained(Protocol):
     """A model of Stable-Baselines3, or an algorithm of RLlib."""
 
-    def save(self, path: Any) -> Any:
+    def save(self, path: object) -> Any:
         """Save it."""
 
 
@@ -130,7 +131,7 @@ def show(policy: Policy, engine: Engine) -> None:
         watch(engine)
 
 
-def decide(policy: Policy, snapshot: Snapshot, world: World) -> list[Any]:
+def decide(policy: Policy, snapshot: Snapshot, world: World) -> list[Command]:
     """Return the policy's actions for a snapshot, in the order of the drones (``decide_by``)."""
     return decide_by(policy, snapshot.observations, snapshot.masks, world)
 
@@ -140,7 +141,7 @@ def decide_by(
     observations: Sequence[Observation],
     masks: Sequence[Sequence[bool]],
     world: World,
-) -> list[Any]:
+) -> list[Command]:
     """Return the policy's actions for what all drones observe, in their order.
 
     Each is an index into ``World.actions`` or, in free flight, the numbers of a command. Raises
@@ -160,7 +161,7 @@ def memory_of(policy: Policy) -> Any:
     return getattr(policy, "memory", lambda: None)()
 
 
-def remind(policy: Policy, memory: Any) -> None:
+def remind(policy: Policy, memory: object) -> None:
     """Let a policy that has begun remember what ``memory_of`` has returned."""
     getattr(policy, "remember", lambda memory: None)(memory)
 
@@ -236,7 +237,7 @@ They are named, and not imported, because their libraries may not be installed.
 """
 
 
-def _adapter_of(candidate: Any) -> Any:
+def _adapter_of(candidate: object) -> Any:
     """Return the class of the policy that acts by a model, or None for everything else."""
     if hasattr(candidate, "act"):
         return None

@@ -59,7 +59,7 @@ class Baseline:
         directions, ahead = memory if self._free else (memory, [[] for _ in memory])
         self._direction, self._ahead = list(directions), [list(own) for own in ahead]
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Command:
         """Return to charge at 15 % of the battery; else fly to the route's next cell, or climb."""
         ahead = self._ahead[observation.drone]
         if sum(mask) == 1:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from desim_uav.errors import PolicyError, did_you_mean
 from desim_uav.model.random.streams import Streams
@@ -35,7 +34,7 @@ class FunctionPolicy:
         """Note the actions of the scenario."""
         self._commands = world.commands
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int | Sequence[float]:
         """Call the function. Raises PolicyError for an action that the scenario does not have."""
         if sum(mask) == 1:
             return list(mask).index(True)

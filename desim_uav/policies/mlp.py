@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from desim_uav import array_file
 from desim_uav.checksums import verify
+from desim_uav.commands.given import Command
 from desim_uav.errors import PolicyError, ScenarioError, in_short
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import DECIDES
@@ -285,7 +286,7 @@ class NetworkPolicy:
             f"{about['world_seed']}"
         )
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Command:
         """Return the forced action if there is one, else the best allowed action or the command."""
         if observation.mode not in DECIDES:
             return list(mask).index(True)

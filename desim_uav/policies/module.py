@@ -12,6 +12,7 @@ import importlib
 from collections.abc import Sequence
 from typing import Any
 
+from desim_uav.commands.given import Command
 from desim_uav.errors import PolicyError
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import DECIDES
@@ -49,13 +50,13 @@ class TorchModule:
         self._world = world
         self._scores([[0.0] * self._inputs])
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Command:
         """Return the command of one drone (see ``act_jointly``)."""
         return self.act_jointly([observation], [mask])[0]
 
     def act_jointly(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-    ) -> list[Any]:
+    ) -> list[Command]:
         """Return for each drone the forced action, or else the best allowed one or the command."""
         assert self._world is not None, "begin comes first"
         world = self._world

@@ -5,23 +5,21 @@ Such a file may come from an untrusted source, and its settings could ask for an
 
 from __future__ import annotations
 
-from typing import Any
-
 WIDEST, DEEPEST = 4096, 32
 """The largest number of units per layer (or of quantiles), and of layers per network."""
 
 
-def are_widths(value: Any) -> bool:
+def are_widths(value: object) -> bool:
     """Return whether ``value`` is a list of allowed layer widths."""
     return isinstance(value, list) and len(value) <= DEEPEST and all(map(is_width, value))
 
 
-def is_width(value: Any) -> bool:
+def is_width(value: object) -> bool:
     """Return whether ``value`` is an allowed layer width."""
     return type(value) is int and 1 <= value <= WIDEST
 
 
-def is_bool(value: Any) -> bool:
+def is_bool(value: object) -> bool:
     """Return whether ``value`` is True or False, and not a number."""
     return isinstance(value, bool)
 

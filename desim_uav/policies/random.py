@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.commands.given import Command
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
 from desim_uav.registry import register
@@ -38,7 +39,7 @@ class Random:
             state: dict[str, Any] = dict(stream.bit_generator.state)
             stream.bit_generator.state = state | {"state": {"state": np.array(words, np.uint64)}}
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Command:
         """Draw one of the allowed actions."""
         drone = observation.drone
         return self._commands.of(drone).drawn(drone, self._streams[drone], mask)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.commands.given import Command
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation, Snapshot
@@ -102,7 +103,7 @@ class Rollout:
         """Return what the base remembers."""
         return self._base.memory() if hasattr(self._base, "memory") else None
 
-    def remember(self, memory: Any) -> None:
+    def remember(self, memory: object) -> None:
         """Let the base remember what ``memory`` has returned."""
         if memory is not None:
             self._base.remember(memory)
@@ -113,7 +114,7 @@ class Rollout:
 
     def act_jointly(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-    ) -> list[int]:
+    ) -> list[Command]:
         """Return the best command of each drone, in turn."""
         commands = decide_by(self._base, observations, masks, self._world)
         options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
@@ -171,7 +172,7 @@ class Rollout:
         by_return = bool(exists) and min(units, ground.return_at) > takes
         return by_return or bool(units >= ground.needs[place])
 
-    def _safely(self, drone: int, command: int, allowed: list[int]) -> int:
+    def _safely(self, drone: int, command: Command, allowed: list[int]) -> Command:
         """Return a command of the base, or that of the allowed ones that leads nearest to home."""
         if command in allowed or not allowed:
             return command
@@ -192,7 +193,7 @@ class Rollout:
             self._inner.take(imagined(now, self._seed, sample, links))
             self._futures.append(self._inner.save())
 
-    def _scores(self, commands: Sequence[int]) -> NDArray[np.float64]:
+    def _scores(self, commands: Sequence[Command]) -> NDArray[np.float64]:
         """Return the score of commands in each imagined future."""
         return np.array([self._try(future, commands) for future in self._futures])
 
@@ -201,7 +202,7 @@ class Rollout:
         error = gains.std() / max(len(gains) - 1, 1) ** 0.5
         return bool(gains.mean() > self.options["doubt"] * error + NEARLY)
 
-    def _try(self, future: Any, commands: Sequence[int]) -> float:
+    def _try(self, future: Any, commands: Sequence[Command]) -> float:
         """Return the score of commands after which the base flies on."""
         from desim_uav.policies.planning.inner import score
 

@@ -20,6 +20,7 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
+from desim_uav.commands.given import Command
 from desim_uav.errors import MissingExtraError, PolicyError, in_short
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
@@ -39,7 +40,7 @@ IN_TRAINING = {"normalize_images", "optimizer_class", "optimizer_kwargs", "ortho
 SIZES = {"Box": "_shape", "Discrete": "n", "MultiDiscrete": "nvec"}
 """The attribute of each kind of space that must fit the scenario's."""
 
-Joint = Callable[[Sequence[Observation], Sequence[Sequence[bool]]], list[int]]
+Joint = Callable[[Sequence[Observation], Sequence[Sequence[bool]]], list[Command]]
 
 
 class Spaces(NamedTuple):
@@ -133,13 +134,13 @@ class StableBaselines:
             f"{world.scenario.name} has " + ", or ".join(map(_in_words, here))
         )
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Command:
         """Return the best allowed action of one drone, by a network trained on a single drone."""
         return self._decide([observation], [mask])[0]
 
     def _decide(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-    ) -> list[Any]:
+    ) -> list[Command]:
         """Return the best allowed action of each drone; of equally good ones, the first.
 
         In free flight, return the command of each drone: the mean, or the best one.
@@ -194,7 +195,7 @@ CONTINUOUS: dict[str, Callable[[Any, Any], Any]] = {
 """The same for commands of free flight."""
 
 
-def _network(saved: Saved, observations: Any, actions: Any) -> Any:
+def _network(saved: Saved, observations: object, actions: object) -> Any:
     """Build the network on these spaces, with the weights of the file."""
     torch = importlib.import_module("torch")
     with torch.random.fork_rng(devices=[]):  # its first weights are drawn, and leave no trace
@@ -279,13 +280,13 @@ def _space(about: dict[str, Any]) -> str:
     return _in_brackets(kind, about.get(SIZES.get(kind, "")))
 
 
-def _described(space: Any) -> str:
+def _described(space: object) -> str:
     """Return a space's description in the same form as ``_space``."""
     kind = type(space).__name__
     return _in_brackets(kind, getattr(space, SIZES[kind]))
 
 
-def _in_brackets(kind: str, sizes: Any) -> str:
+def _in_brackets(kind: str, sizes: object) -> str:
     return f"{kind}[{', '.join(re.findall(r'[0-9]+', str(sizes)))}]"
 
 
@@ -305,7 +306,7 @@ def _settings(about: dict[str, Any]) -> dict[str, Any]:
     return {key: _setting(key, about[key]) for key in sorted(about.keys() - pickled - IN_TRAINING)}
 
 
-def _setting(key: str, value: Any) -> Any:
+def _setting(key: str, value: object) -> Any:
     if key == "activation_fn":
         name = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", str(value))
         if name and name[1] in ACTIVATIONS:
@@ -315,7 +316,7 @@ def _setting(key: str, value: Any) -> Any:
     raise ValueError(f"policy_kwargs: {key}: {str(value)[:80]} cannot be read without unpickling")
 
 
-def _is_architecture(value: Any) -> bool:
+def _is_architecture(value: object) -> bool:
     """Return whether ``value`` is a list of layer widths, or two for policy and value function."""
     if isinstance(value, dict):
         return value.keys() <= {"pi", "vf", "qf"} and all(map(are_widths, value.values()))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from desim_uav.commands.aims import NUMBERS
-from desim_uav.commands.given import CommandError
+from desim_uav.commands.given import Command, CommandError
 from desim_uav.errors import PolicyError, did_you_mean, notice
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import Action
@@ -58,7 +57,7 @@ class Script:
         self._notice_late_actions(world)
         commands = world.commands
         self._hover = commands.actions.index(Action.HOVER)
-        self._commands: dict[tuple[int, int], Any] = {}
+        self._commands: dict[tuple[int, int], Command] = {}
         drones = world.scenario.drone_count
         for at, action in self.commands.items():
             where, drone = f"{self.file}:{self._lines[at]}", at[1]
@@ -85,7 +84,7 @@ class Script:
             )
         self._noticed = True
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Command:
         """Return the command in the file, or "hover" if it has none for this step and drone."""
         return self._commands.get((observation.step, observation.drone), self._hover)
 

@@ -165,7 +165,7 @@ class Greedy:
         if self._q is None:
             self._q = self._stored.table().q
 
-    def _require(self, what: str, learned: Any, here: Any) -> None:
+    def _require(self, what: str, learned: object, here: object) -> None:
         if learned != here:
             raise PolicyError(
                 f"{self.name}: the policy was learned with {what} {in_short(learned)}; "

@@ -36,7 +36,7 @@ def _visible(match: re.Match[str]) -> str:
     return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
-def html(content: Any) -> Html:
+def html(content: object) -> Html:
     """Return content as markup; text is escaped, and None gives nothing."""
     if isinstance(content, Html):
         return content

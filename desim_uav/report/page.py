@@ -69,7 +69,7 @@ class Picture:
         return figure
 
 
-def page(title: str, lead: Any, sections: Iterable[tuple[str, markup.Html]]) -> str:
+def page(title: str, lead: object, sections: Iterable[tuple[str, markup.Html]]) -> str:
     """Return a page with its title, a line below the title, and its sections."""
     title = markup.visible(title, LONGEST_TITLE)
     filled = [(_anchor(name), name, content) for name, content in sections if content]

@@ -173,7 +173,7 @@ def print_training(summary: dict[str, Any]) -> None:
     tell(summary["policy"])
 
 
-def word(value: Any) -> str:
+def word(value: object) -> str:
     """Return a value of a key as it is written in a scenario."""
     if value is None:
         return "null"
@@ -273,7 +273,7 @@ def _print(by: str, rows: list[dict[str, Any]], title: str) -> None:
     print_table(table)
 
 
-def _text(value: Any) -> Text:
+def _text(value: object) -> Text:
     """Return text of a file without markup and without control characters."""
     return Text(printable(str(value)))
 
@@ -283,7 +283,7 @@ def _cell(row: dict[str, Any], name: str, form: str) -> str:
     return "" if value is None or math.isnan(value) else format(value, form)
 
 
-def _value_text(value: Any) -> str:
+def _value_text(value: object) -> str:
     return (
         f"{value:.6g}"
         if isinstance(value, float)

@@ -27,7 +27,7 @@ class FirstCome(RowAdmission):
         waiting, count = drone.waiting, 0
         for k in range(len(waiting)):
             user = state.users[waiting[k]]
-            if fits(world, drone, user.request.needs_hz):
+            if fits(world, state, drone, user.request):
                 serve(world, state, drone, user, phase)
             else:
                 waiting[count] = waiting[k]
@@ -45,7 +45,7 @@ def admit(world: Constants, state: State, drone: Drone, number: int, phase: int)
     """
     user = state.users[number]
     drone.waiting.remove(number)
-    if not fits(world, drone, user.request.needs_hz):
+    if not fits(world, state, drone, user.request):
         state.faults |= OVERBOOKED
     serve(world, state, drone, user, phase)
 

@@ -63,9 +63,9 @@ def efficiency_of(world: Constants, drone: Drone, user: User) -> int:
 
 
 @rule
-def fits(world: Constants, drone: Drone, bandwidth_hz: int) -> bool:
-    """Return whether a drone has so much bandwidth left; it always has if this is unlimited."""
-    return bandwidth_hz <= drone.free_hz or world.radios[drone.radio].bandwidth_hz < 0
+def fits(world: Constants, state: State, drone: Drone, request: Request) -> bool:
+    """Return whether a drone has what a request that waits needs: bandwidth, if it is limited."""
+    return request.needs_hz <= drone.free_hz or world.radios[drone.radio].bandwidth_hz < 0
 
 
 @rule

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
@@ -399,7 +398,7 @@ def _transit_problem(
 
 
 def _own_problems(
-    path: KeyPath, component: Any, problems: list[str], also: tuple[KeyPath, ...]
+    path: KeyPath, component: object, problems: list[str], also: tuple[KeyPath, ...]
 ) -> Iterator[Finding]:
     where = (*path, *place_of_problem(component))
     for problem in islice(problems, MAX_TRACE_PROBLEMS):

@@ -3,35 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
-import dis
 import inspect
 import os
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from types import FunctionType
 from typing import Any
-from uuid import uuid4
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
+from pydantic import ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic import ValidationError as PydanticError
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema, to_json
 
 from desim_uav import registry
 from desim_uav.errors import did_you_mean
-from desim_uav.own_code import digest_of
 from desim_uav.registry import FAULTS, what_failed
-from desim_uav.rowcode.code_digest import class_digest
-from desim_uav.rowcode.value_text import UndescribedError
+from desim_uav.scenario.conformance import answering, attributes, is_interface, lacks
+from desim_uav.scenario.description import GIVEN, described
 from desim_uav.scenario.meanings import with_meanings
 from desim_uav.scenario.yaml12 import KeyPath
 
 LARGEST = 1e9
 """The largest value of a parameter. Times in microseconds then fit into 64-bit integers."""
-
-_GIVEN = "_given_parameters"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +42,7 @@ class Slot:
     """Whether the name of a kind alone stands for a component without parameters."""
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """Make an instance during validation, and write it as ``described`` does."""
         return core_schema.with_info_plain_validator_function(
@@ -70,15 +64,15 @@ class Slot:
             class_ = registry.resolve(self.name, kind)
         except TypeError as error:
             raise ValueError(f"{kind!r} cannot be used as {self.name}: {error}") from error
-        if not _is_interface(self.protocol) and not issubclass(class_, self.protocol):
+        if not is_interface(self.protocol) and not issubclass(class_, self.protocol):
             base = f"{self.protocol.__module__}.{self.protocol.__qualname__}"
             raise ValueError(f"{kind!r} cannot be used as {self.name}: it is no subclass of {base}")
-        missing = _lacks(class_, self.protocol)
+        missing = lacks(class_, self.protocol)
         if missing:
             raise ValueError(
                 f"{kind!r} cannot be used as {self.name}: it has no method {missing[0]!r}"
             )
-        for method in _answering(class_):
+        for method in answering(class_):
             raise ValueError(
                 f"{kind!r} cannot be used as {self.name}: its method {method!r} returns a value, "
                 f"which nobody reads; it must write what it has worked out into its rows"
@@ -100,12 +94,12 @@ class Slot:
         except (NameError, TypeError, ValueError):
             return None
 
-    def _validate(self, value: Any, info: core_schema.ValidationInfo) -> Any:
+    def _validate(self, value: object, info: core_schema.ValidationInfo) -> Any:
         if self.by_name and isinstance(value, str):
             value = {"kind": value}
         if isinstance(value, Mapping):
             return self._make(dict(value), info.context or {})
-        if info.mode == "python" and not _lacks(value, self.protocol):
+        if info.mode == "python" and not lacks(value, self.protocol):
             return value
         hint = f"; write {{kind: {value}}}" if isinstance(value, str) else ""
         name = "the name of a kind, or " if self.by_name else ""
@@ -124,7 +118,7 @@ class Slot:
             component = _called(class_, mapping)
         else:
             component = _validated(class_, mapping, context.get("base"))
-        missing = [name for name in _attributes(self.protocol) if not hasattr(component, name)]
+        missing = [name for name in attributes(self.protocol) if not hasattr(component, name)]
         if missing:
             problem = f"{kind!r} cannot be used as {self.name}: it has no attribute {missing[0]!r}"
             raise _error_at("kind", problem, kind)
@@ -155,7 +149,7 @@ def _whole(schema: JsonSchemaValue) -> JsonSchemaValue:
     """Return a schema with its definitions where they are referred to."""
     definitions = schema.get("$defs", {})
 
-    def put_in(part: Any) -> Any:
+    def put_in(part: object) -> Any:
         if isinstance(part, list):
             return [put_in(one) for one in part]
         if not isinstance(part, dict):
@@ -176,7 +170,7 @@ class NameOrForm:
     mark: registry.NameOr
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """Return a validation whose problems are those of the form that was meant."""
         return core_schema.no_info_plain_validator_function(self._validate)
@@ -200,7 +194,7 @@ class NameOrForm:
     def _is_list(self) -> bool:
         return not hasattr(self.mark.form, "_fields")
 
-    def _validate(self, value: Any) -> Any:
+    def _validate(self, value: object) -> Any:
         names = self.mark.names
         if isinstance(value, str) and value in names:
             return value
@@ -238,11 +232,11 @@ class CheckedField:
     mark: registry.Checked
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """Return a validation that tells the reason for which the check refuses a value."""
 
-        def checked(value: Any) -> Any:
+        def checked(value: object) -> Any:
             try:
                 self.mark.check(value)
             except ValueError as error:
@@ -279,87 +273,13 @@ _PLUG_IN_SCHEMA: JsonSchemaValue = {
 }
 
 
-def described(component: Any, hashed: bool = False) -> dict[str, Any]:
-    """Return the kind and the parameters of a component as plain Python values, the kind first.
-
-    To be ``hashed``, parameters that came later are left out (see ``unchanged``), and a component
-    of one's own has the digest of its code.
-    """
-    class_ = type(component)
-    kind = vars(class_).get("kind", f"{class_.__module__}:{class_.__qualname__}")
-    plain = {"kind": kind} | ({"code": code} if hashed and (code := code_of(class_)) else {})
-    if not dataclasses.is_dataclass(component):
-        return plain | getattr(component, _GIVEN, {})
-    left_out = unchanged(component) if hashed else ()
-    names = [f.name for f in dataclasses.fields(component) if f.init and f.name not in left_out]
-    return plain | {name: _plain(getattr(component, name), hashed) for name in names}
-
-
-def code_of(class_: type) -> str:
-    """Return the digest of the code of a class of one's own; "" for a built-in class.
-
-    It is a new one each time if the class is not from a file and its code cannot be described.
-    """
-    if class_.__module__.startswith("desim_uav."):
-        return ""
-    try:
-        return digest_of(class_.__module__) or class_digest(class_)
-    except UndescribedError:
-        return uuid4().hex
-
-
-def own_classes(value: Any) -> Iterator[type]:
-    """Yield the classes of all components of one's own in a scenario, or in a part of one."""
-    if isinstance(value, BaseModel):
-        parts = [getattr(value, name) for name in type(value).model_fields]
-    elif hasattr(type(value), "kind"):
-        if not type(value).__module__.startswith("desim_uav."):
-            yield type(value)
-        parts = list(vars(value).values()) if hasattr(value, "__dict__") else []
-    else:
-        parts = list(value) if isinstance(value, list | tuple) else []
-        parts += value.values() if isinstance(value, Mapping) else ()
-    for part in parts:
-        yield from own_classes(part)
-
-
-def _plain(value: Any, hashed: bool) -> Any:
-    """Return the value of a parameter: components and named tuples are mappings."""
-    if hasattr(type(value), "kind"):
-        return described(value, hashed)
-    if hasattr(value, "_asdict"):
-        return value._asdict()
-    if isinstance(value, tuple):
-        return tuple(_plain(item, hashed) for item in value)
-    return value
-
-
-def unchanged(section: Any) -> list[str]:
-    """Return the keys of a section or a component that came later and have their defaults.
-
-    They are named in a class attribute ``later``. A scenario that was written before there was such
-    a key has its default, and keeps its hash (see ``scenario.load.scenario_hash``).
-    """
-    later = getattr(type(section), "later", ())
-    return [name for name in later if getattr(section, name) == _default(type(section), name)]
-
-
-def _default(owner: Any, name: str) -> Any:
-    """Return the default of a key of a section or a dataclass."""
-    if dataclasses.is_dataclass(owner):
-        field = next(each for each in dataclasses.fields(owner) if each.name == name)
-        factory = field.default_factory
-        return field.default if factory is dataclasses.MISSING else factory()
-    return owner.model_fields[name].get_default(call_default_factory=True)
-
-
-def place_of_problem(component: Any) -> KeyPath:
+def place_of_problem(component: object) -> KeyPath:
     """Return the key at which a component's problem is reported: its file, if it has just one."""
     names = _file_parameters(type(component))  # type: ignore[arg-type]
     return (names[0],) if len(names) == 1 else ()
 
 
-def strictly(kind: type, value: Any, context: Mapping[str, Any] | None = None) -> Any:
+def strictly(kind: object, value: object, context: Mapping[str, Any] | None = None) -> Any:
     """Validate plain data strictly: lists may be tuples, but text and booleans are not numbers."""
     return _adapter(kind).validate_json(to_json(value), strict=True, context=context)
 
@@ -396,7 +316,7 @@ def _called(class_: type, arguments: dict[str, Any]) -> Any:
     except FAULTS as error:
         raise _error(f"cannot be made: {what_failed(error)}") from error
     try:
-        object.__setattr__(component, _GIVEN, arguments)
+        object.__setattr__(component, GIVEN, arguments)
     except AttributeError as error:
         raise _error(f"{class_.__name__} must be a dataclass, or have no __slots__") from error
     return component
@@ -419,7 +339,7 @@ def _refuse_huge(arguments: Mapping[str, Any]) -> None:
 
 
 @cache
-def _adapter(kind: type) -> TypeAdapter[Any]:
+def _adapter(kind: Any) -> TypeAdapter[Any]:
     """Return the validator of a class. A dataclass refuses unknown parameters, as models do."""
     if dataclasses.is_dataclass(kind) and "__pydantic_config__" not in vars(kind):
         setattr(kind, "__pydantic_config__", ConfigDict(extra="forbid"))  # noqa: B010
@@ -437,7 +357,7 @@ def _parts(class_: type) -> dict[str, Any]:
     }
 
 
-def _marks(hint: Any) -> tuple[Any, ...]:
+def _marks(hint: object) -> tuple[Any, ...]:
     return getattr(hint, "__metadata__", ())
 
 
@@ -456,63 +376,9 @@ def _file_parameters(class_: type) -> tuple[str, ...]:
     return tuple(f.name for f in dataclasses.fields(class_) if f.init and hints[f.name] in paths)
 
 
-def _answering(class_: type) -> Iterator[str]:
-    """Yield the methods of a user's own class that return something where nothing is read."""
-    for name, method in vars(class_).items():
-        if isinstance(method, FunctionType) and not class_.__module__.startswith("desim_uav."):
-            base = next((vars(of)[name] for of in class_.__mro__[1:] if name in vars(of)), None)
-            annotation = getattr(base, "__annotations__", {}).get("return", "")
-            if annotation in (None, "None") and returns_a_value(method):
-                yield name
-
-
-def returns_a_value(function: FunctionType) -> bool:
-    """Return whether a function returns something other than None; ``super()`` may do anything."""
-    if "super" in function.__code__.co_names:
-        return False
-    before = None
-    for step in dis.get_instructions(function):
-        if step.opname == "RETURN_CONST" and step.argval is not None:
-            return True
-        nothing = before is not None and (before.opname, before.argval) == ("LOAD_CONST", None)
-        if step.opname == "RETURN_VALUE" and not nothing:
-            return True
-        before = step
-    return False
-
-
-def _is_interface(protocol: Any) -> bool:
-    """Return whether components need the methods of a Protocol, and not a certain base class."""
-    return all(getattr(one, "_is_protocol", False) for one in _alternatives(protocol))
-
-
-def _lacks(class_: Any, protocol: Any) -> list[str]:
-    """Return the methods that are missing for a Protocol, or for the first of a union of them."""
-    missing = [
-        [name for name in _methods(one) if not hasattr(class_, name)]
-        for one in _alternatives(protocol)
-    ]
-    return missing[0] if all(missing) else []
-
-
-def _alternatives(protocol: Any) -> tuple[Any, ...]:
-    """Return the Protocols of a union, or the one that there is."""
-    return typing.get_args(protocol) or (protocol,)
-
-
-def _methods(protocol: type) -> list[str]:
-    return [n for n, m in vars(protocol).items() if not n.startswith("_") and callable(m)]
-
-
-def _attributes(protocol: Any) -> list[str]:
-    """Return the attributes that a Protocol, or each of a union of them, asks for."""
-    annotations = [inspect.get_annotations(one) for one in _alternatives(protocol)]
-    return [name for name in annotations[0] if all(name in other for other in annotations)]
-
-
 def _error(message: str) -> PydanticCustomError:
     return PydanticCustomError("component", "{message}", {"message": message})
 
 
-def _error_at(key: str, message: str, value: Any) -> PydanticError:
+def _error_at(key: str, message: str, value: object) -> PydanticError:
     return errors([((key,), message, value)])

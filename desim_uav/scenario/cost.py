@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
@@ -270,7 +270,7 @@ def _crossings(scenario: Scenario, horizon_s: float) -> float:
     return total
 
 
-def _walking_mps(mobility: Any) -> float:
+def _walking_mps(mobility: object) -> float:
     """The mean speed of users: that which a model says, or its only speed; 0 if it has none."""
     speed = getattr(mobility, "mean_speed_mps", getattr(mobility, "speed_mps", 0.0))
     return float(speed) if isinstance(speed, int | float) else 0.0

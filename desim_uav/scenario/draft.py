@@ -183,7 +183,7 @@ class ScenarioDraft:
             return self.keys[path]
         return next((self.values[p] for p in _upwards(path) if p in self.values), None)
 
-    def _cleaned(self, path: KeyPath, value: Any, refused: list[KeyPath]) -> Any:
+    def _cleaned(self, path: KeyPath, value: object, refused: list[KeyPath]) -> Any:
         if isinstance(value, dict):
             return {key: self._cleaned((*path, key), item, refused) for key, item in value.items()}
         if isinstance(value, list):
@@ -197,7 +197,7 @@ class ScenarioDraft:
         return value
 
 
-def plain_copy(value: Any, depth: int = 0) -> Any:
+def plain_copy(value: object, depth: int = 0) -> Any:
     """Return a value as plain data that a scenario file could hold.
 
     Mappings become dicts, tuples become lists, and paths become text. Raises ScenarioError for a
@@ -254,7 +254,7 @@ def blaming(path: PurePath | None, overrides: Sequence[str] = ()) -> Iterator[No
         raise ScenarioError(*problems) from error
 
 
-def _problem_of(value: Any) -> str:
+def _problem_of(value: object) -> str:
     if isinstance(value, str):
         return unprintable_in(value)
     if isinstance(value, float) and not math.isfinite(value):
@@ -272,7 +272,7 @@ def _index(part: str, items: list[Any]) -> int:
     return int(part)
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """Return a value as one line of YAML, shortened."""
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"

@@ -81,7 +81,7 @@ def flies_freely(drones: Drones) -> bool:
 Types = Annotated[tuple[NamedDrones, ...], Field(min_length=1, max_length=MOST_TYPES)]
 
 
-def as_fleet(value: Any, info: ValidationInfo) -> Any:
+def as_fleet(value: object, info: ValidationInfo) -> Any:
     """Return the drones, or the types of them, that a mapping or a list of mappings says."""
     if isinstance(value, Drones | tuple):
         return value
@@ -89,7 +89,7 @@ def as_fleet(value: Any, info: ValidationInfo) -> Any:
         return strictly(Drones, dict(value), info.context)
     if not isinstance(value, list):
         raise ValueError("must be a mapping, or a list of mappings, one for each type of drones")
-    types: tuple[NamedDrones, ...] = strictly(cast(type, Types), value, info.context)
+    types: tuple[NamedDrones, ...] = strictly(Types, value, info.context)
     problems: list[tuple[KeyPath, str, object]] = []
     first: dict[str, int] = {}
     for number, one in enumerate(types):

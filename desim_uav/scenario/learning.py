@@ -45,7 +45,7 @@ class Schedule(Section):
         return [value if value > end else end for value in values]
 
 
-def _schedule(value: Any) -> Any:
+def _schedule(value: object) -> Any:
     if isinstance(value, bool) or not isinstance(value, int | float | Mapping | Schedule):
         raise ValueError("must be a number, or a mapping of start, decay and end")
     return {"start": value} if isinstance(value, int | float) else value
@@ -54,7 +54,7 @@ def _schedule(value: Any) -> Any:
 def _over(default: Schedule) -> BeforeValidator:
     """A number is a constant; of a mapping, what is not given is as by default."""
 
-    def filled(value: Any) -> Any:
+    def filled(value: object) -> Any:
         return default.model_dump() | value if isinstance(value, dict) else _schedule(value)
 
     return BeforeValidator(filled, json_schema_input_type=Schedule | Fraction)

@@ -23,7 +23,8 @@ from desim_uav.registry import resolve
 from desim_uav.rowcode.regular_file import content_of
 from desim_uav.scenario import yaml12
 from desim_uav.scenario.checks import findings
-from desim_uav.scenario.components import code_of, described, strictly, unchanged
+from desim_uav.scenario.components import strictly
+from desim_uav.scenario.description import code_of, described, unchanged
 from desim_uav.scenario.draft import MAX_PROBLEMS, ScenarioDraft, override_path, plain_copy
 from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.preset import paper_preset
@@ -65,7 +66,7 @@ def override_texts(overrides: Overrides) -> list[str]:
     return texts
 
 
-def _as_yaml(key: str, value: Any) -> str:
+def _as_yaml(key: str, value: object) -> str:
     """Return a value as JSON, which is also YAML; NumPy's numbers and arrays are accepted."""
     try:
         return json.dumps(
@@ -235,7 +236,7 @@ def _validated(draft: ScenarioDraft, base: Path | None) -> Scenario | None:
     return None
 
 
-def _plain(value: Any, hashed: bool = False) -> Any:
+def _plain(value: object, hashed: bool = False) -> Any:
     """Models, components and their values as plain data, whole floats as ints.
 
     To be ``hashed``, files are given by digests of their contents, and later keys are left out.
@@ -269,7 +270,7 @@ def _digest(path: Path) -> str:
 class _Dumper(yaml.SafeDumper):
     """Writes what the YAML 1.2 reader reads back: no aliases, and quotes where it needs them."""
 
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, data: object) -> bool:
         """Never refer back to a value."""
         return True
 

@@ -67,7 +67,7 @@ class ListedObstacles(Section):
     """The buildings one by one: [cell x, cell y, height in metres]."""
 
 
-def _obstacles(value: Any) -> Any:
+def _obstacles(value: object) -> Any:
     if isinstance(value, DrawnObstacles | ListedObstacles):
         return value
     if not isinstance(value, Mapping):

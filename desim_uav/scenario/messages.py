@@ -129,7 +129,7 @@ def _below(owner: Any, key: str, holder: Any, value: Any) -> Any:
     return _owner(list(_parts(field.annotation)) + list(field.metadata), value)
 
 
-def _owner(parts: list[Any], value: Any) -> Any:
+def _owner(parts: list[Any], value: object) -> Any:
     """Return what determines the keys below a field: a section, a slot, or {"": slot} for many."""
     slots = [part for part in parts if isinstance(part, Slot)]
     if slots:
@@ -143,7 +143,7 @@ def _owner(parts: list[Any], value: Any) -> Any:
     return next((part for part in parts if _is_section(part) or _is_named_tuple(part)), None)
 
 
-def _parts(annotation: Any) -> Iterator[Any]:
+def _parts(annotation: object) -> Iterator[Any]:
     yield annotation
     yield getattr(annotation, "__origin__", None)
     if isinstance(annotation, ComponentField):
@@ -154,16 +154,16 @@ def _parts(annotation: Any) -> Iterator[Any]:
         yield from _parts(part)
 
 
-def _kind(value: Any) -> Any:
+def _kind(value: object) -> Any:
     """Return the kind that a component is given, or None."""
     return value.get("kind") if isinstance(value, Mapping) else None
 
 
-def _is_named_tuple(owner: Any) -> bool:
+def _is_named_tuple(owner: object) -> bool:
     return isinstance(owner, type) and hasattr(owner, "_fields")
 
 
-def _is_section(owner: Any) -> bool:
+def _is_section(owner: object) -> bool:
     return isinstance(owner, type) and issubclass(owner, Section)
 
 
@@ -202,17 +202,17 @@ def _message(detail: ErrorDetails) -> str:
     return words(detail.get("ctx", {}), detail["input"]) if words else detail["msg"]
 
 
-def _number(what: str, value: Any) -> str:
+def _number(what: str, value: object) -> str:
     if isinstance(value, int) and not isinstance(value, bool):
         return "is too large"
     return f"must be {what}"
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return "must be text" + ("" if isinstance(value, list | dict) else "; put it in quotes")
 
 
-def _literal(expected: str, value: Any) -> str:
+def _literal(expected: str, value: object) -> str:
     options = [option.strip("'") for option in expected.replace(" or ", ", ").split(", ")]
     hint = did_you_mean(value, options) if isinstance(value, str) else ""
     return f"must be {' or '.join(options)}{hint}"

@@ -15,7 +15,7 @@ from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.model.radio.rings import line_of_sight_ring_m, rings
 from desim_uav.model.services import has_volumes, is_one_time, problems_of, rates_bps
-from desim_uav.registry import FAULTS, what_failed
+from desim_uav.registry import FAULTS, kind_name, what_failed
 from desim_uav.rowcode.components import over_rows
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.map import DrawnObstacles
@@ -110,7 +110,7 @@ def bands_are_shared_by_all(scenario: Scenario) -> Iterator[Finding]:
             yield Finding(
                 (*path, "sharing"),
                 f"must {'' if drones.sharing.divides else 'not '}share, as {key_of_sharing} is "
-                f"{_kind(drones.sharing)}: transfers hold rates everywhere or nowhere",
+                f"{kind_name(drones.sharing)}: transfers hold rates everywhere or nowhere",
                 ((*first_path, "sharing"),),
             )
         if not isinstance(drones, LinkClasses) or not isinstance(radio, LinkClasses):
@@ -242,8 +242,8 @@ def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
         if divides and np.any(rates):
             yield Finding(
                 ("services", name, "bandwidth_kbps"),
-                f"is for the sharing held; drones.radio.sharing: {_kind(radio.sharing)} gives the "
-                "rates itself",
+                f"is for the sharing held; drones.radio.sharing: {kind_name(radio.sharing)} gives "
+                "the rates itself",
                 (path,),
             )
     if not (volumes and divides):
@@ -252,7 +252,7 @@ def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
         if math.isinf(drones.radio.bandwidth_hz(drones.bandwidth_kbps)):
             yield Finding(
                 (*key, "bandwidth_kbps"),
-                f"must be a number where transfers share it: {_kind(drones.radio.sharing)}",
+                f"must be a number where transfers share it: {kind_name(drones.radio.sharing)}",
                 ((*key, "radio", "sharing"), (*key, "radio")),
             )
 
@@ -343,10 +343,6 @@ def _problem_of_rings(radio: LinkClasses, height_m: float) -> str:
     except FAULTS as error:
         return what_failed(error)
     return ""
-
-
-def _kind(component: Any) -> str:
-    return str(getattr(component, "kind", type(component).__name__))
 
 
 def _text_of(interference: Any) -> str:

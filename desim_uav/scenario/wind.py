@@ -9,7 +9,7 @@ from typing import Any
 from desim_uav.model.energy.battery import in_joules, time_of_hover_problems
 from desim_uav.model.motion.limits import CALM, Wind
 from desim_uav.model.motion.wind import motion_in
-from desim_uav.registry import FAULTS, what_failed
+from desim_uav.registry import FAULTS, kind_name, what_failed
 from desim_uav.scenario.drones import Drones
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Scenario
@@ -26,7 +26,7 @@ def drones_can_fly_in_the_wind(scenario: Scenario) -> Iterator[Finding]:
             yield Finding(key, problem, ((*path, "motion"),))
         battery: Any = drones.battery
         if getattr(battery, "needs_calm", False):
-            kind = getattr(battery, "kind", type(battery).__name__)
+            kind = kind_name(battery)
             yield Finding(key, f"not beside drones.battery: {kind!r}", ((*path, "battery"),))
         elif in_joules(battery) and hasattr(battery, "level_w"):
             hover_w = battery.level_w(math.hypot(*wind))

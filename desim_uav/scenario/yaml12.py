@@ -209,14 +209,14 @@ class _Reader:
                 return _ABSENT
         return plain_scalar(text)
 
-    def _scalar_or_alias(self, value: Any, mark: TextMark) -> None:
+    def _scalar_or_alias(self, value: object, mark: TextMark) -> None:
         frame = self._frames[-1] if self._frames else None
         if frame and isinstance(frame.container, dict) and not frame.awaits_value:
             self._take_key(frame, value, mark)
         else:
             self._place(value, mark)
 
-    def _take_key(self, frame: _Frame, value: Any, mark: TextMark) -> None:
+    def _take_key(self, frame: _Frame, value: object, mark: TextMark) -> None:
         frame.awaits_value = True
         frame.key = value
         if value is _ABSENT or frame.refused:
@@ -235,7 +235,7 @@ class _Reader:
         else:
             self.document.keys[(*frame.path, value)] = mark
 
-    def _place(self, value: Any, mark: TextMark) -> tuple[KeyPath, bool]:
+    def _place(self, value: object, mark: TextMark) -> tuple[KeyPath, bool]:
         """Put a value in its container; return its path and whether it was refused."""
         if not self._frames:
             self.document.data = None if value is _ABSENT else value

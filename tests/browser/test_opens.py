@@ -3,10 +3,10 @@
 import pandas as pd
 import pytest
 
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay.page import write_replay
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.run_to_folder import run_to_folder
 
 
 def test_drones_are_where_the_table_says(page, tmp_path):

@@ -12,7 +12,6 @@ import pytest
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay.page import write_replay
 from desim_uav.model.motion.motion import travelled
 from desim_uav.model.random.streams import Purpose, Streams
@@ -25,6 +24,7 @@ from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import find_scenario
 from desim_uav.world import build_world
+from tests.run_to_folder import run_to_folder
 
 pytestmark = pytest.mark.thorough
 

@@ -177,9 +177,9 @@ class Smallest(RowAdmission):
         while best >= 0:
             best = -1
             for k in range(len(drone.waiting)):
-                needs_hz = state.users[drone.waiting[k]].request.needs_hz
-                if fits(world, drone, needs_hz) and (
-                    best < 0 or needs_hz < state.users[best].request.needs_hz
+                request = state.users[drone.waiting[k]].request
+                if fits(world, state, drone, request) and (
+                    best < 0 or request.needs_hz < state.users[best].request.needs_hz
                 ):
                     best = drone.waiting[k]
             if best >= 0:

@@ -3,13 +3,14 @@
 import pytest
 
 from desim_uav.api.pictures import write_report as report
-from desim_uav.experiment.command import read_summary, run_to_folder
+from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.run import Tally
 from desim_uav.records import APART
 from desim_uav.report.run import Run
 from desim_uav.report.text import print_run
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.run_to_folder import run_to_folder
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,6 @@ from desim_uav import cli, qoe
 from desim_uav.api.pictures import write_report as report
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import report as reporting
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.statistics import estimate
 from desim_uav.parquet_file import parquet
@@ -27,6 +26,7 @@ from desim_uav.report.text import COMPARED, MEASURES
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
+from tests.run_to_folder import run_to_folder
 from tests.selection import by_default
 
 SMALL = ("users.count=12", "episode.steps=10")

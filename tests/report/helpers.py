@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
-from desim_uav.experiment.command import read_summary, run_to_folder
+from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.train.folder import train_to_folder
 from desim_uav.report.run import Run
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.run_to_folder import run_to_folder
 
 
 def make_run(folder, scenario, policy, overrides=(), *, episodes=1, warmup=0, events=True):

@@ -11,13 +11,13 @@ import pytest
 
 from desim_uav.drawing.frame import FARTHEST, Painter
 from desim_uav.drawing.sprites import mast
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.report.links import full_service_s, links_content, mean_rate_bps, rings_m
 from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run
 from desim_uav.scenario.load import load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
+from tests.run_to_folder import run_to_folder
 
 RADIO = Path(__file__).with_name("radio.yaml")
 

@@ -16,13 +16,12 @@ import pytest
 from desim_uav import cli
 from desim_uav.checksums import SUMS
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay.again import played_again
 from desim_uav.experiment.replay.page import write_replay
 from desim_uav.model.energy.charging import Constant, Swap, Tapered
 from desim_uav.parquet_file import parquet
 from desim_uav.report.batteries import battery_knots
-from desim_uav.report.replay.columns import codes, delta, floats, pack, plain, unpack
+from desim_uav.report.replay.columns import codes, delta, floats, pack, plain
 from desim_uav.report.replay.data import KINDS, TAKING, Encoder
 from desim_uav.report.replay.page import MODULES, asset, bundle, page
 from desim_uav.report.run import Run
@@ -30,6 +29,8 @@ from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from tests.reference.energy import Rotor
 from tests.reference.flight import quickest
+from tests.report.unpacked import unpack
+from tests.run_to_folder import run_to_folder
 
 US = 1_000_000
 SMALL = ("users.count=16", "episode.steps=12", "drones.battery.autonomy_min=6")

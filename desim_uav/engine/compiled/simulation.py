@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.commands.given import Command
 from desim_uav.copies import owned, usable
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.compiled import calls, loop
@@ -32,7 +33,7 @@ from desim_uav.rowcode.views import View, array_of, dtype_of
 from desim_uav.rules.rows import Constants, Drone, LookRow, PlanRow, State, Station
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY, UNFINISHED
 from desim_uav.sample_path import SamplePath, SamplePaths
-from desim_uav.scenario.components import code_of, own_classes
+from desim_uav.scenario.description import code_of, own_classes
 from desim_uav.world import World
 
 BUFFER, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
@@ -317,7 +318,7 @@ class BatchSimulation(Engine):
                 "--engine des has room"
             )
 
-    def step(self, commands: Sequence[int]) -> Snapshot:
+    def step(self, commands: Sequence[Command]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         self.hear(commands)
         calls.run(*self.addresses(), STEP)

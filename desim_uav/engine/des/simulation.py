@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.commands.given import Command
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import AuditedClock, Clock
@@ -170,7 +171,7 @@ class Simulation(Engine):
         """Return the terms of a reward that does not work on rows, by drone and name."""
         return tuple([tuple(terms.items()) for terms in self.state.named_terms])
 
-    def step(self, commands: Sequence[int]) -> Snapshot:
+    def step(self, commands: Sequence[Command]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the end of the episode."""
         self.hear(commands)
         world, state = self.constants, self.state

@@ -43,12 +43,12 @@ class SavePolicy(Callback):  # type: ignore[misc]
         """Write the network as it is before the training."""
         save(self.experiment, self.file)
 
-    def on_train_end(self, training_td: Any, group: str) -> None:
+    def on_train_end(self, training_td: object, group: str) -> None:
         """Write the network as it is now."""
         _write(_converted(self.experiment), self.file)
 
 
-def save(experiment: Any, file: str | PathLike[str]) -> Path:
+def save(experiment: object, file: str | PathLike[str]) -> Path:
     """Write the network that an experiment has trained on a ``UavTask`` as a policy file.
 
     ``desim-uav run … --policy FILE`` flies it. Returns the path. Raises PolicyError for a network
@@ -58,7 +58,7 @@ def save(experiment: Any, file: str | PathLike[str]) -> Path:
     return Path(file)
 
 
-def network_of(experiment: Any) -> Mlp:
+def network_of(experiment: object) -> Mlp:
     """Return the network that chooses the actions, as ``desim-uav run`` computes it.
 
     It must be BenchMARL's ``Mlp`` with ReLU and without normalisation, whose parameters all drones

@@ -62,7 +62,7 @@ class UavTask(TaskClass):  # type: ignore[misc]
         return "desim_uav"
 
     def get_env_fun(
-        self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
+        self, num_envs: int, continuous_actions: bool, seed: int | None, device: object
     ) -> Callable[[], EnvBase]:
         """Return a function that makes a batch of ``num_envs`` environments."""
         first = None if seed is None else FIRST_SEED + seed * num_envs
@@ -145,7 +145,7 @@ class UavTask(TaskClass):  # type: ignore[misc]
         }
 
     @staticmethod
-    def render_callback(experiment: Any, env: EnvBase, data: TensorDictBase) -> Any:
+    def render_callback(experiment: object, env: EnvBase, data: TensorDictBase) -> Any:
         """Return the present frame of the first environment, (height, width, 3)."""
         return torch.from_numpy(env.render()[0])
 

@@ -238,5 +238,5 @@ def _table(headings: Sequence[str], rows: Any) -> str:
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     return asdict(value) if isinstance(value, Interval) else value

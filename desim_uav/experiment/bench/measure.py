@@ -14,6 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from desim_uav import qoe
+from desim_uav.commands.given import Command
 from desim_uav.engine.episode import Engine
 from desim_uav.experiment.bench.bounds import bound_of
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, BenchTrack, Task
@@ -59,7 +60,7 @@ class Recorder:
     def __init__(self, policy: Policy) -> None:
         self.policy, self.ceiling = policy, policy.ceiling
         self.observation = getattr(policy, "observation", None)
-        self.episodes: list[list[list[int]]] = []
+        self.episodes: list[list[list[Command]]] = []
         self.decisions, self.spent_s = 0, 0.0
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
@@ -76,13 +77,13 @@ class Recorder:
         show(self.policy, engine)
         self.spent_s += time.process_time() - since_s
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int | Sequence[float]:
         """Return the action of one drone; episodes call ``act_jointly``."""
         return self.policy.act(observation, mask)
 
     def act_jointly(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-    ) -> Sequence[int]:
+    ) -> Sequence[Command]:
         """Return the policy's actions, and note them."""
         since_s = time.process_time()
         commands = decide_by(self.policy, observations, masks, self._world)
@@ -117,7 +118,7 @@ class Replayer:
         self._episode += 1
         self._actions = len(world.actions)
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int | Sequence[float]:
         """Return the command of one drone."""
         command = int(self._commands[self._episode, observation.step, observation.drone])
         if not 0 <= command < self._actions:

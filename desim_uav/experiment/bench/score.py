@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import trim_mean  # type: ignore[import-untyped]
+from scipy.stats import trim_mean
 
 from desim_uav.experiment.statistics import LEVEL
 

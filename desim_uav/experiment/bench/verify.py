@@ -127,5 +127,5 @@ def _of_policy(submission: Submission) -> list[str]:
     return lines
 
 
-def _words(value: Any) -> str:
+def _words(value: object) -> str:
     return "no value" if value is None else repr(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
+from scipy.optimize import minimize_scalar
 
 from desim_uav.experiment.gallery.best_altitude import best_coverage, optimal_elevation_deg
 from desim_uav.experiment.gallery.row import GalleryRow, evaluated

@@ -120,7 +120,7 @@ def _overrides(values: Overrides) -> Iterator[str]:
         yield f"{key}=" + ",".join(text.partition("=")[2] for text in texts)
 
 
-def _is_several(each: Any) -> bool:
+def _is_several(each: object) -> bool:
     """Return whether these are several values of a key: a list, a range or an array of NumPy."""
     if isinstance(each, np.ndarray):
         return each.ndim > 0
@@ -148,7 +148,7 @@ def _axis(override: str) -> Axis:
     return Axis(key, values)
 
 
-def _canonical(value: Any) -> str:
+def _canonical(value: object) -> str:
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     return json.dumps(value, sort_keys=True)

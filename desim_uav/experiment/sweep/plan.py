@@ -21,7 +21,7 @@ from desim_uav.policies import load_policy
 from desim_uav.policies.base import base_of, file_of, parts
 from desim_uav.registry import names
 from desim_uav.rowcode.regular_file import content_of
-from desim_uav.scenario.components import code_of
+from desim_uav.scenario.description import code_of
 from desim_uav.scenario.doubts import doubts
 from desim_uav.scenario.draft import blaming, named_override
 from desim_uav.scenario.load import (

@@ -21,7 +21,7 @@ from desim_uav.model.energy.battery import (
     time_to_full_us,
 )
 from desim_uav.model.rules import MINUTE_US, US
-from desim_uav.registry import register
+from desim_uav.registry import kind_name, register
 from desim_uav.rowcode.kernels import kernel, rule
 
 MOST_US = 2**60
@@ -139,7 +139,7 @@ class Tapered(RowCharging):
     def problems(self, battery: Energy) -> list[str]:
         """Return why a battery cannot be charged like this."""
         if self.power_w is not None and not in_joules(battery):
-            kind = getattr(battery, "kind", type(battery).__name__)
+            kind = kind_name(battery)
             return [
                 f"power_w charges a battery that is measured in Wh, which {kind!r} is not; "
                 "give full_charge_min"

@@ -18,7 +18,7 @@ from desim_uav.model.energy.propulsion.fixed_wing import (
 )
 from desim_uav.model.motion.motion import Motion, Transit
 from desim_uav.model.rules import US
-from desim_uav.registry import NameOr, register
+from desim_uav.registry import NameOr, kind_name, register
 from desim_uav.rowcode.kernels import rule
 
 
@@ -109,7 +109,7 @@ class FixedWing(RowEnergy):
     def problems(self, motion: Motion, step_s: float) -> list[str]:
         """Return why a fixed wing cannot fly like this."""
         if getattr(motion, "hovers", True):
-            kind = getattr(motion, "kind", type(motion).__name__)
+            kind = kind_name(motion)
             return [f"a fixed wing cannot hover, but drones hover with drones.motion: {kind!r}"]
         return time_of_hover_problems(self.capacity_wh, self.loiter_w, self.autonomy_min)
 

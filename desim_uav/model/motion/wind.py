@@ -10,6 +10,7 @@ import math
 
 from desim_uav.model.motion.limits import CALM, Wind
 from desim_uav.model.motion.motion import REST, Motion, Transit
+from desim_uav.registry import kind_name
 
 WindCourse = tuple[float, float, float]
 """The way of a flight along one axis, in cells or in metres: two of its parts are 0."""
@@ -40,7 +41,7 @@ def motion_in(motion: Motion, wind: Wind, way: WindCourse) -> Motion:
         return motion
     in_wind = getattr(motion, "in_wind", None)
     if in_wind is None:
-        kind = getattr(motion, "kind", type(motion).__name__)
+        kind = kind_name(motion)
         raise ValueError(f"{kind!r} has no method in_wind, so that it flies without wind only")
     flown: Motion = in_wind(*wind_along(wind, way))
     return motion if way[2] != 0 else flown

@@ -16,6 +16,7 @@ import numpy as np
 from desim_uav.model.radio.functions import elevation_deg
 from desim_uav.model.radio.link import LinkBudget, LinkClass
 from desim_uav.model.radio.path_loss import RowPathLoss
+from desim_uav.registry import kind_name
 
 FARTHEST_M = 1e7
 """The largest radius of a ring."""
@@ -56,7 +57,9 @@ def rings(
             return method(distance_m, height_m, carrier_ghz)
 
         radii = [ring_m(loss_db, budget.largest_loss_db(one.snr_db)) for one in classes]
-        _check_rise(loss_db, 2.0 * max(radii[0], height_m), f"{_name(path_loss)}.{method.__name__}")
+        _check_rise(
+            loss_db, 2.0 * max(radii[0], height_m), f"{kind_name(path_loss)}.{method.__name__}"
+        )
         radii_m.append(tuple(radii))
     return Rings(*radii_m)
 
@@ -136,11 +139,7 @@ def check_sight(path_loss: RowPathLoss) -> None:
         share = path_loss.p_los(float(elevation))
         if not before <= share <= 1.0:
             raise ValueError(
-                f"{_name(path_loss)}.p_los must rise with the elevation and stay within 0 and 1, "
-                f"but it is {share:g} at {elevation} degrees after {before:g}"
+                f"{kind_name(path_loss)}.p_los must rise with the elevation and stay within 0 and "
+                f"1, but it is {share:g} at {elevation} degrees after {before:g}"
             )
         before = share
-
-
-def _name(path_loss: RowPathLoss) -> str:
-    return str(getattr(path_loss, "kind", type(path_loss).__name__))

@@ -48,7 +48,7 @@ class RLlib:
         self._use(folder, NetworkFile(self.file_of(folder).parent))
 
     @classmethod
-    def of_model(cls, algorithm: Any, name: str) -> RLlib:
+    def of_model(cls, algorithm: object, name: str) -> RLlib:
         """Act by an algorithm that is in memory, as by the file that ``save`` would write.
 
         Raises PolicyError for an algorithm that could not be rebuilt.
@@ -121,7 +121,7 @@ class RLlib:
         self._require("actions", about["actions"], [a.name.lower() for a in world.actions])
         self._require("observations", about["features"], *descriptions)
 
-    def _require(self, what: str, trained: Any, *here: Any) -> None:
+    def _require(self, what: str, trained: object, *here: Any) -> None:
         if trained not in here:
             raise PolicyError(
                 f"{self._file.path}: the network was trained with {what} {in_short(trained)}; "

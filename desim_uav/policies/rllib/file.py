@@ -68,11 +68,11 @@ CONNECTORS = {
 """The known connectors, each with its module, apart from those that RLlib adds itself."""
 
 
-def _is_activation(value: Any) -> bool:
+def _is_activation(value: object) -> bool:
     return value in ("tanh", "relu", "swish", "silu", "linear", None)
 
 
-def _is_bound(value: Any) -> bool:
+def _is_bound(value: object) -> bool:
     return value is None or (isinstance(value, float | int) and 0 < value <= MOST_FLOAT)
 
 
@@ -214,7 +214,9 @@ def _problems(about: Mapping[str, Any], weights: int) -> Iterator[str]:
         yield f"it has {weights:,} weights, which is not the number of its modules' weights"
 
 
-def _wrong(what: str, about: Any, classes: Mapping[str, str], settings: Mapping[str, Any]) -> str:
+def _wrong(
+    what: str, about: object, classes: Mapping[str, str], settings: Mapping[str, Any]
+) -> str:
     """Return why a class must not be built, or ""."""
     if not isinstance(about, dict) or not isinstance(about.get("settings"), dict):
         return f"a {what} must be a mapping with class and settings"
@@ -231,7 +233,7 @@ def _wrong(what: str, about: Any, classes: Mapping[str, str], settings: Mapping[
     return ""
 
 
-def _are_shapes(shapes: Any) -> bool:
+def _are_shapes(shapes: object) -> bool:
     return isinstance(shapes, list) and all(
         isinstance(one, list)
         and len(one) == 2

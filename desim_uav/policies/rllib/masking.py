@@ -87,7 +87,7 @@ class MaskedModule(DefaultPPOTorchRLModule):  # type: ignore[misc]
     def _forward_train(self, batch: dict[str, Any], **settings: Any) -> dict[str, Any]:
         return _masked(super()._forward_train(_bare(batch), **settings), batch)
 
-    def compute_values(self, batch: dict[str, Any], embeddings: Any = None) -> Any:
+    def compute_values(self, batch: dict[str, Any], embeddings: object = None) -> Any:
         """Return the values of states; masks do not matter to them."""
         return super().compute_values(_bare(batch), embeddings)
 

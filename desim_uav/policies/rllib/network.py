@@ -208,7 +208,7 @@ def pipelines_of(pipeline: Any) -> list[str]:
     return [type(piece).__name__ for piece in pipeline.connectors]
 
 
-def statistics_of(pipeline: Any) -> NDArray[np.float64]:
+def statistics_of(pipeline: object) -> NDArray[np.float64]:
     """Return the statistics of a pipeline's filters: mean and sum of squares per number."""
     parts: list[Any] = [np.zeros(0)]
     for _, _, running in _running(pipeline):
@@ -230,7 +230,7 @@ def _running(pipeline: Any) -> Iterator[tuple[Any, dict[str, Any], Any]]:
                 yield piece, {agent: state[agent]}, RunningStat.from_state(running)
 
 
-def _fill_filters(pipeline: Any, statistics: NDArray[np.float64]) -> None:
+def _fill_filters(pipeline: object, statistics: NDArray[np.float64]) -> None:
     """Load the statistics of the training into the filters."""
     first = 0
     for piece, state, running in list(_running(pipeline)):

@@ -31,7 +31,7 @@ RLLIBS_OWN = "AddObservationsFromEpisodesToBatch"
 """The first of the connectors that RLlib adds itself."""
 
 
-def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
+def save(algorithm: object, folder: str | PathLike[str]) -> Path:
     """Save an algorithm's networks and connectors in a folder, as a file without code.
 
     The algorithm must have been trained on ``UavParallelEnv`` through RLlib's
@@ -53,7 +53,7 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
     return file
 
 
-def content_of(algorithm: Any) -> bytes:
+def content_of(algorithm: object) -> bytes:
     """Return the content of the file of an algorithm that is in memory.
 
     Raises PolicyError, which says why, for an algorithm that could not be rebuilt.
@@ -157,7 +157,7 @@ def _own(pipeline: Any) -> list[Any]:
     return list(takewhile(lambda piece: type(piece).__name__ != RLLIBS_OWN, pipeline.connectors))
 
 
-def _connector(piece: Any) -> dict[str, Any]:
+def _connector(piece: object) -> dict[str, Any]:
     name = _class_name_of(piece, CONNECTORS)
     if getattr(piece, "_keys_to_remove", None) or getattr(piece, "_agent_ids", None):
         raise PolicyError(f"its {name} leaves out keys or agents")
@@ -167,7 +167,7 @@ def _connector(piece: Any) -> dict[str, Any]:
     }
 
 
-def _class_name_of(one: Any, module_of: dict[str, str]) -> str:
+def _class_name_of(one: object, module_of: dict[str, str]) -> str:
     """Return the name of an object's class, which must be one of the known classes."""
     name, module = type(one).__name__, type(one).__module__
     if module_of.get(name) != module:

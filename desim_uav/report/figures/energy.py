@@ -16,6 +16,7 @@ from desim_uav.model.energy.battery import in_joules
 from desim_uav.model.motion.limits import CALM
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.rules import US, Action, kind_of
+from desim_uav.registry import kind_name
 from desim_uav.report.figures.straight_legs import draw_free_legs, draw_per_metre
 from desim_uav.report.figures.style import COLOURS, Figure, headed, styled
 from desim_uav.report.straight_legs import FreeLegs
@@ -113,9 +114,7 @@ def _types(world: World, drone: int | None) -> tuple[list[SameFlights], dict[str
         own, name = world.types[number], world.scenario.type_names[number]
         battery = own.drones.battery
         if not hasattr(battery, "level_w") or not in_joules(battery):
-            others[name] = (
-                "null" if battery is None else getattr(battery, "kind", type(battery).__name__)
-            )
+            others[name] = "null" if battery is None else kind_name(battery)
             continue
         for k, (names, first) in enumerate(flights):
             if (first.drones.motion, first.drones.battery) == (own.drones.motion, battery):

@@ -22,7 +22,7 @@ from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.palette import drone_colour
 from desim_uav.registry import naming_plug_ins
 from desim_uav.report.figures.style import Figure, headed, styled
-from desim_uav.scenario.components import described
+from desim_uav.scenario.description import described
 from desim_uav.world import World
 
 SHADES = LinearSegmentedColormap.from_list(

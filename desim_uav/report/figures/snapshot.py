@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from desim_uav.engine.base import UserState
 from desim_uav.model.rules import US, Mode
@@ -143,7 +143,7 @@ def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
         )
 
 
-def _draw_footprints(axes: Any, moment: Moment, world: World) -> None:
+def _draw_footprints(axes: object, moment: Moment, world: World) -> None:
     for drone, (x, y, z) in enumerate(moment.drones_m.tolist()):
         if moment.modes[drone] is Mode.FLYING:
             _draw_rings(axes, (x, y), rings_m(world, z, drone), world, drone_look(drone))

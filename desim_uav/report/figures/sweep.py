@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.palette import ink_on
@@ -79,7 +80,7 @@ def _heading(content: Content, heat: bool) -> Iterator[str]:
         yield ", ".join(f"{short(key)} = {short(value)}" for key, value in content["held"].items())
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -88,7 +89,7 @@ def _is_scale(values: Sequence[Any]) -> bool:
     return len(values) > 2 and all(map(_is_number, values))
 
 
-def _word(value: Any) -> str:
+def _word(value: object) -> str:
     """Return a value of a key as a scenario has it."""
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
@@ -118,21 +119,25 @@ def _draw_lines(axes: Axes, content: Content, measure: str, policy: str | None) 
         if not numbers:
             dressed["linestyle"] = "none"
         at = places[there] + APART * span * (number - (len(series) - 1) / 2)
-        axes.plot(at, [p["mean"] for p in points], label=_word(of), **dressed)
-        with_interval = [k for k, p in enumerate(points) if p["half_width"]]
-        if with_interval:
-            means = [points[k]["mean"] for k in with_interval]
-            wide = [points[k]["half_width"] for k in with_interval]
-            colour = dressed["color"]
-            axes.errorbar(
-                at[with_interval], means, wide, ls="none", capsize=3, color=colour, lw=1.1
-            )
+        _draw_line(axes, at, points, _word(of), dressed)
     if not numbers:
         axes.set_xticks(places, [_word(value) for value in values])
         axes.set_xlim(-0.5, len(values) - 0.5)
     elif len(values) <= 6:
         axes.set_xticks(places, [_word(value) for value in values])
     axes.set_xlabel(short(first))
+
+
+def _draw_line(
+    axes: Axes, at: NDArray[np.float64], points: list[Any], label: str, dressed: dict[str, Any]
+) -> None:
+    """Draw a line through means, and the intervals of those that have one."""
+    axes.plot(at, [p["mean"] for p in points], label=label, **dressed)
+    those = [k for k, p in enumerate(points) if p["half_width"]]
+    if those:
+        means, wide = ([points[k][of] for k in those] for of in ("mean", "half_width"))
+        colour = dressed["color"]
+        axes.errorbar(at[those], means, wide, ls="none", capsize=3, color=colour, lw=1.1)
 
 
 def _draw_heat(figure: Figure, axes: Axes, content: Content, measure: str, policy: str) -> None:

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from desim_uav.errors import PolicyError
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.report.figures import case_picture
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.run_to_folder import run_to_folder
 
 ROOT = Path(__file__).parents[3]
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.model.motion.motion import BangCoastBang, travelled
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.figures import battery_figure, case_picture, snapshot_figure, visits_figure
@@ -17,6 +16,7 @@ from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run
 from desim_uav.report.tracks import after_s
 from desim_uav.scenario.load import from_mapping
+from tests.run_to_folder import run_to_folder
 
 ZONE = ((500, 210), (700, 210), (700, 590), (500, 590))
 FLEET = {

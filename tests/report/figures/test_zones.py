@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from desim_uav.experiment.command import run_to_folder
 from desim_uav.report.figures import case_picture, snapshot_figure
 from desim_uav.report.figures.map import NO_FLIGHT
 from desim_uav.scenario.load import load
+from tests.run_to_folder import run_to_folder
 
 FREELY = Path(__file__).parents[1] / "freely.yaml"
 ALPHA = 0.14  # of zones only

@@ -28,7 +28,7 @@ def run_script(analysis: Analysis, about: str | None) -> None:
     table says that there is no interval. An error ends the program with one message and its exit
     code. ``about``, the script's docstring, is its help text.
     """
-    from desim_uav.experiment.runs import read_runs
+    from runs import read_runs
 
     replace_lacking()
     arguments = sys.argv[1:]
