@@ -65,7 +65,7 @@ def random_skies(seed, count, users):
 
 def test_levels_stay_between_their_bounds():
     tight = 0
-    for rng, sky in random_skies(5, 60, 1):
+    for rng, sky in random_skies(5, 24, 1):
         air = sky.air()
         bound_all(address(air.scene), address(air.sky), *air.walked, sky.span_us, 0)
         t = np.append(rng.uniform(0.0, sky.span_s, 300), (0.0, sky.span_s))
@@ -73,7 +73,7 @@ def test_levels_stay_between_their_bounds():
             link, level = air.sky.air.links[k], sky.level(k, 0, t)
             assert link.low_dbm - 1e-9 <= level.min() and level.max() <= link.high_dbm + 1e-9
             tight += level.max() - level.min() > 0.5 * (link.high_dbm - link.low_dbm)
-    assert tight > 30
+    assert tight > 10
 
 
 def hold_changes(seed, count):
@@ -92,9 +92,9 @@ def hold_changes(seed, count):
 
 
 def test_what_is_left_out_changes_nothing():
-    hold_changes(6, 40)
+    hold_changes(6, 16)
 
 
 @pytest.mark.thorough
 def test_what_is_left_out_changes_nothing_in_many_skies():
-    hold_changes(7, 2000)
+    hold_changes(7, 1000)
