@@ -25,7 +25,7 @@ from desim_uav.rowcode.kernels import maker
 from desim_uav.typed import typed
 from desim_uav.world import World
 
-MOST_AT_ONCE, AT_ONCE_FOR = 64, 3072
+MOST_AT_ONCE, AT_ONCE_FOR = 256, 6144
 """The largest number of episodes that are drawn at once, and of users in all of them."""
 
 

@@ -15,7 +15,6 @@ from desim_uav.model.geometry.coverage import VX as WALK_X
 from desim_uav.model.geometry.coverage import VY as WALK_Y
 from desim_uav.model.geometry.polynomial import Coefficients, sign_changes, square_of, value_at
 from desim_uav.model.geometry.relative import rounded_us
-from desim_uav.model.radio.bounds import bound_rates
 from desim_uav.model.radio.links import (
     OTHER,
     SIGNAL,
@@ -25,7 +24,6 @@ from desim_uav.model.radio.links import (
     are_clear,
     class_at,
     compare,
-    level_dbm,
     look,
     note,
     ratio_db,
@@ -33,15 +31,17 @@ from desim_uav.model.radio.links import (
 )
 from desim_uav.model.radio.passing import SOON_S
 from desim_uav.model.radio.search import search
-from desim_uav.model.radio.slopes import DB
-from desim_uav.model.radio.stretches import (
-    relate,
-    take_first_rows,
-    take_mark,
-    take_rows,
-    walk_ahead,
+from desim_uav.model.radio.spans import (
+    bound_high,
+    bound_span,
+    bound_steepness,
+    is_too_weak,
+    look_from,
+    stays_apart,
+    stays_in,
 )
-from desim_uav.model.radio.tracks import Walkers, place
+from desim_uav.model.radio.stretches import relate, take_first_rows, take_rows
+from desim_uav.model.radio.tracks import Walkers
 from desim_uav.rowcode.kernels import kernel, rule
 
 GRAZE = 1e-14
@@ -58,23 +58,36 @@ def find_classes(air: Air, users: Walkers, span_us: tuple[int, int], user: int) 
     its end. Classes at both ends of the span depend on the places there only, and changes in one
     microsecond are one, or cancel. For where they are written see ``note``.
     """
+    look_from(air, users, span_us, user)
     sought = 0
-    _bound_span(air, users, span_us, user)
     for k in range(air.used):
-        link = air.links[k]
-        if link.out != 0:
-            state = _stays_in(air, k)
-            if state >= 0:
-                note(link, span_us[0], state)
-                link.sought = 0
-            sought += link.sought
-        else:
-            link.sought = 0
+        air.links[k].sought = int(air.links[k].out != 0)
+        bound_high(air, k)
+        sought += _seeks(air, k, is_too_weak(air, k) - 1, span_us)
+    if sought > 0:
+        bound_span(air)
+        sought = 0
+        for k in range(air.used):
+            if air.links[k].sought:
+                sought += _seeks(air, k, stays_in(air, k), span_us)
     if sought > 0:
         _follow(air, users, span_us, user, False)
     for k in range(air.used):
         if air.links[k].out != 0:
             sign(air.links[k], user)
+
+
+@rule
+def _seeks(air: Air, k: int, state: int, span_us: tuple[int, int]) -> int:
+    """Write the class of a signal if it stays the same; return 1 if its changes are still sought.
+
+    The class is below 0 if bounds do not show that it stays.
+    """
+    link = air.links[k]
+    if link.sought and state >= 0:
+        note(link, span_us[0], state)
+        link.sought = 0
+    return link.sought
 
 
 @kernel
@@ -95,7 +108,10 @@ def find_better(
     if threshold_db == 0.0 and _are_alike(air, users, user):
         _follow(air, users, span_us, user, True)
         return
-    state = _stays_apart(air, users, span_us, user, threshold_db)
+    look_from(air, users, span_us, user)
+    for k in range(air.used):
+        bound_high(air, k)
+    state = stays_apart(air, threshold_db)
     if state >= 0:
         note(air.links[SIGNAL], span_us[0], state)
     else:
@@ -122,6 +138,8 @@ def _follow(air: Air, users: Walkers, span_us: tuple[int, int], user: int, exact
         turn = np.inf if leg + 1 == after else (legs[leg + 1, T0_US] - start_us) * 1e-6
         x, y = walked(legs, leg, now_us)
         relate(air, t, (x, y, users.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
+        if not is_begun and not exact:
+            bound_steepness(air)
         if marked or not is_begun or t >= end:
             _note_classes(air, t, exact, are_a_pair(air) and end > SOON_S)
             is_begun = True
@@ -146,7 +164,7 @@ def _note_classes(air: Air, t: float, exact: bool, soon: bool) -> None:
 
     If ``soon``, those at the start of the span count as changed if they are so soon after it, too.
     """
-    if not exact and t > 0.0:  # that at the start of the span is known (_reach_dbm)
+    if not exact:
         look(air, 0, 0.0)
     for k in range(air.used):
         link = air.links[k]
@@ -160,92 +178,6 @@ def _note_classes(air: Air, t: float, exact: bool, soon: bool) -> None:
             if state != link.state:
                 note(link, rounded_us(air.start_us, t), state)
             link.state = state
-
-
-# ---- bounds for a whole span
-
-
-@rule
-def _bound_span(air: Air, users: Walkers, span_us: tuple[int, int], user: int) -> None:
-    """Write bounds of all levels in a span."""
-    walks = _look_from(air, users, span_us, user)
-    for k in range(air.used):
-        link = air.links[k]
-        link.low_dbm, link.high_dbm = _reach_dbm(air, link, walks)
-        if air.used > 1:
-            link.looks[0].power_mw = np.exp(link.looks[0].level_dbm / DB)
-            link.low_mw = np.exp(link.low_dbm / DB)
-            link.high_mw = np.exp(link.high_dbm / DB)
-
-
-@rule
-def _stays_in(air: Air, k: int) -> int:
-    """Return the class of a signal if bounds show that it is always the same, or else -1."""
-    link = air.links[k]
-    least = most = link.noise_mw
-    for i in range(air.used):
-        if i != k:
-            least += air.links[i].low_mw
-            most += air.links[i].high_mw
-    state = class_at(air, k, link.high_dbm - DB * np.log(least))
-    low = class_at(air, k, link.low_dbm - DB * np.log(most))
-    return state if low == state else -1
-
-
-@kernel
-def _stays_apart(
-    air: Air, users: Walkers, span_us: tuple[int, int], user: int, threshold: float
-) -> int:
-    """Return the state of a pair if bounds show that it is always the same, or else -1."""
-    walks = _look_from(air, users, span_us, user)
-    low, high = _reach_dbm(air, air.links[SIGNAL], walks)
-    lower, higher = _reach_dbm(air, air.links[OTHER], walks)
-    if low - higher > threshold:
-        return 1
-    return 0 if high - lower < threshold else -1
-
-
-@rule
-def _look_from(air: Air, users: Walkers, span_us: tuple[int, int], user: int) -> float:
-    """Relate links to a user at the start of a span; return how far the user walks, in metres."""
-    take_first_rows(air, len(users.heights_m), user)
-    walks, leg = walk_ahead(users, user, span_us)
-    x, y = walked(users.legs, leg, float(span_us[0]))
-    walk = (users.legs[leg, WALK_X], users.legs[leg, WALK_Y])
-    relate(air, 0.0, (x, y, users.heights_m[user]), walk)
-    return walks
-
-
-@kernel
-def _reach_dbm(air: Air, link: Link, walks: float) -> tuple[float, float]:
-    """Return bounds of a link's level in a span, after ``_look_from``."""
-    low, high, is_begun = np.inf, -np.inf, False
-    link.steep_away = link.steep_up = 0.0
-    rates, last = link.rates, air.tracks[link.after - 1]
-    first, at = place(air.tracks[link.first], 0.0), place(last, last.begin_s)
-    level = walks + np.sqrt((at[0] - first[0]) ** 2 + (at[1] - first[1]) ** 2)
-    climbs = abs(at[2] - first[2])
-    apart = np.sqrt(link.x_m * link.x_m + link.y_m * link.y_m)
-    while True:
-        now, most = level_dbm(link, 0.0), 0.0
-        if not is_begun:
-            link.looks[0].level_dbm = now
-            is_begun = True
-        if level + climbs > 0.0:
-            bound_rates(link, apart, link.z_m, level + climbs)
-        if level > 0.0:
-            steep = max(rates.most_away, -rates.least_away)
-            most += steep * level
-            link.steep_away = max(link.steep_away, steep)
-        if climbs > 0.0:
-            steep = max(rates.most_up, -rates.least_up)
-            most += steep * climbs
-            link.steep_up = max(link.steep_up, steep)
-        low, high = min(low, now - most), max(high, now + most)
-        link.mark += 1
-        if link.mark > link.last_mark:
-            return low, high
-        take_mark(air, link)
 
 
 # ---- pairs whose levels are equal where their distances are

@@ -70,11 +70,13 @@ class Link(Row):
     start of the span. ``base_dbm`` is the level before the path loss. The place, the velocity and
     the acceleration of the sender are those relative to the user at the start of the stretch.
 
-    Then, bounds: the least and the most that the level changes in dB/s; the lowest and the highest
+    Then, bounds: the least and the largest horizontal distance in the span, how far the sender and
+    the user move horizontally in it, together, and how far the sender climbs or descends, in
+    metres; the least and the most that the level changes in dB/s; the lowest and the highest
     level in the span; the lowest and the highest power in the span, or in the time that is looked
     at; the most that the level changes in the stretch, in dB/s; the ``rates`` near a place; and the
     most that the level changes in the span for a metre of horizontal distance and for one of
-    height.
+    height, which are below 0 until they are needed.
 
     For a signal, its thresholds are those from number ``lowest`` on, before number ``top``.
     ``sought`` says whether changes of its class are sought for the present user, whose class is
@@ -110,6 +112,10 @@ class Link(Row):
     ax_mps2: float
     ay_mps2: float
     az_mps2: float
+    near_m: float
+    far_m: float
+    moves_m: float
+    climbs_m: float
     least: float
     most: float
     low_dbm: float
@@ -158,6 +164,13 @@ class Air(Row):
 changes_at = entries_at(Change)
 
 
+@rule
+def loss_db(link: Link, distance_m: float, height_m: float) -> float:
+    """Return the path loss of a link, at a horizontal distance and a height of the sender."""
+    place = link.values, link.carrier_ghz, link.branch, distance_m, height_m
+    return call_for_float(link.level, place)
+
+
 @kernel
 def level_dbm(link: Link, t: float) -> float:
     """Return the level of a link, ``t`` seconds after the start of the stretch."""
@@ -165,10 +178,7 @@ def level_dbm(link: Link, t: float) -> float:
     x = link.x_m + t * (link.vx_mps + half * link.ax_mps2)
     y = link.y_m + t * (link.vy_mps + half * link.ay_mps2)
     z = link.z_m + t * (link.vz_mps + half * link.az_mps2)
-    loss = call_for_float(
-        link.level, (link.values, link.carrier_ghz, link.branch, np.sqrt(x * x + y * y), z)
-    )
-    return link.base_dbm - loss
+    return link.base_dbm - loss_db(link, np.sqrt(x * x + y * y), z)
 
 
 @rule

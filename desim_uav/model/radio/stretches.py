@@ -7,12 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from desim_uav.model.geometry.coverage import T0_US, leg_at
-from desim_uav.model.geometry.coverage import VX as WALK_X
-from desim_uav.model.geometry.coverage import VY as WALK_Y
 from desim_uav.model.radio.links import Air, Link
 from desim_uav.model.radio.path_loss import MEAN
-from desim_uav.model.radio.tracks import Walkers, place, velocity
+from desim_uav.model.radio.tracks import place, velocity
 from desim_uav.rowcode.kernels import kernel, rule
 
 
@@ -90,20 +87,3 @@ def relate(air: Air, t: float, user: tuple[float, float, float], walk: tuple[flo
         link.x_m, link.y_m, link.z_m = x - user[0], y - user[1], z - user[2]
         link.vx_mps, link.vy_mps, link.vz_mps = vx - walk[0], vy - walk[1], vz
         link.ax_mps2, link.ay_mps2, link.az_mps2 = track.ax_mps2, track.ay_mps2, track.az_mps2
-
-
-@rule
-def walk_ahead(users: Walkers, user: int, span_us: tuple[int, int]) -> tuple[float, int]:
-    """Return how far a user walks in a span, in metres, and its leg at the start."""
-    legs, after, far, from_us = users.legs, users.legs_at[user + 1], 0.0, float(span_us[0])
-    first = leg_at(legs, users.legs_at[user], after, span_us[0])
-    leg = first
-    while True:
-        ends = leg + 1 == after or legs[leg + 1, T0_US] >= span_us[1]
-        until_us = float(span_us[1]) if ends else legs[leg + 1, T0_US]
-        vx, vy = legs[leg, WALK_X], legs[leg, WALK_Y]
-        far += np.sqrt(vx * vx + vy * vy) * (until_us - from_us) * 1e-6
-        if ends:
-            return far, first
-        from_us = until_us
-        leg += 1
