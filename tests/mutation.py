@@ -62,8 +62,8 @@ MUTATIONS = (
     Mutation(
         "no deceleration before a drone arrives",
         "model/motion/motion.py",
-        "profile[2, ACCELERATION] = speed, -acceleration",
-        "profile[2, ACCELERATION] = speed, 0.0",
+        "distance - ramp_distance, speed, -acceleration",
+        "distance - ramp_distance, speed, 0.0",
         ("model/motion/test_motion.py",),
     ),
     Mutation(
