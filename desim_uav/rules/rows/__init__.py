@@ -21,7 +21,7 @@ from desim_uav.rules.rows.flights import (
 from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.sample_path import Ask, Path
 from desim_uav.rules.rows.state import LookRow, State, Wide
-from desim_uav.rules.rows.users import Request, Spot, User
+from desim_uav.rules.rows.users import Request, Spot, User, UserLinks
 from desim_uav.sky.rows import Change, PieceRow, TransitRow
 
 __all__ = [
@@ -57,6 +57,7 @@ __all__ = [
     "TransitRow",
     "TypeRow",
     "User",
+    "UserLinks",
     "WaysRow",
     "Wide",
 ]
