@@ -14,7 +14,7 @@ import numpy as np
 
 from desim_uav import UavVectorEnv
 
-AIM_MIB = 64
+AIM_MIB = 24
 EPISODES = 2
 
 

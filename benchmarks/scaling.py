@@ -37,6 +37,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.compiled.loop import RESET, STEP
 from desim_uav.engine.compiled.pack import forget_packed
+from desim_uav.engine.compiled.scratch import scratch
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
 from desim_uav.model.geometry import coverage, crossings
@@ -193,11 +194,11 @@ def kernel_steps(engine: BatchSimulation) -> Timed:
     def timed(path: SamplePath, told: Commands) -> float:
         engine.path, _ = engine.prepare(SamplePaths.of(path))
         at, commands = engine.addresses(), array_of(engine.memory, State, "drones")["command"]
-        calls.run(*at, RESET)
+        calls.run(*at, RESET, scratch())
         start = time.process_time()
         for command in told:
             commands[:] = command
-            calls.run(*at, STEP)
+            calls.run(*at, STEP, scratch())
         elapsed = time.process_time() - start
         engine.check()
         return elapsed
@@ -266,6 +267,7 @@ def print_buckets(size: Size, rounds: int) -> None:
     fewest, coverage.FEWEST_BUCKETS = coverage.FEWEST_BUCKETS, 10**9
     forget_packed()
     plain = BatchSimulation(size.world, settings)
+    plain.make_room_at_once()
     coverage.FEWEST_BUCKETS = fewest
     forget_packed()
     assert not plain.fixed.block[Constants.places["buckets_x"]]

@@ -465,7 +465,7 @@ MUTATIONS = (
     Mutation(
         "times to trigger go on after a handover",
         "rules/association.py",
-        "    for d in range(len(state.senders)):\n        user.better_since[d] = -1\n",
+        "    for d in range(len(state.senders)):\n        links.better_since[d] = -1\n",
         "",
         ("engine/test_access_points.py",),
     ),

@@ -179,7 +179,6 @@ DESIGN = [
 
 GONE = {"Hold", "Volume", "in_bits", "elastic", "bandwidths_bps", "durations_us", "volumes_ubit"}
 """What decisions say of the code before them, by its names then."""
-GONE |= {"Scratch"}  # which decision 21 plans
 
 
 @cache

@@ -50,10 +50,12 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
         state.pairs = Table(_pair(*both, pieces) for both in pairs)
     draws = world.services.draws if world.services.several_stages else 0
     state.users = Table(_user(index, senders, draws) for index in range(users))
+    if state.keeps_links:
+        state.links = Table(_links(senders) for _ in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
         station.queue.buffer = drones
-    state.loose.buffer = users * (2 * senders + 2)
+    state.loose.buffer = min(users * (2 * senders + 2), 4 * buffers.crossings)
     state.by_level = int(scenario.association.by_level)
     state.renews = int(world.by_event and len(scenario.access_points) > 0)
     state.unsettled.buffer = users
@@ -90,7 +92,8 @@ def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     drone.radio = drone.type if drone.point < 0 else len(world.types) + drone.point
     drone.mode = words.FLYING
     set_course(drone, world)
-    drone.waiting.buffer = drone.sharing.buffer = len(world.homes)
+    drone.waiting.buffer = len(world.homes)
+    drone.sharing.buffer = len(world.homes) * world.links[0].radio.sharing.divides
     drone.ahead = Queue(of=rows.Change, buffer=buffers.crossings)
     services = len(world.services.names)
     drone.served, drone.asking = _zeros(services), _zeros(services)
@@ -112,6 +115,12 @@ def _user(index: int, senders: int, draws: int) -> rows.User:
     user.index = user.request.user = index
     user.holder = user.request.number = user.request.server = -1
     user.covering, user.classes = Table([-1] * senders), _zeros(senders)
-    user.better_since = Table([-1] * senders)
     user.request.drawn = _zeros(draws)
     return user
+
+
+def _links(senders: int) -> rows.UserLinks:
+    """Return what is kept of the links of a user, for whom no sender is better than its own."""
+    links = blank(rows.UserLinks)
+    links.better_since = Table([-1] * senders)
+    return links

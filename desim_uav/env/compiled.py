@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from desim_uav.commands.given import out_of_range
 from desim_uav.engine.base import COUNTS, MEASURES, OWN_COUNTS, RunSettings
 from desim_uav.engine.choose import CHOICES, first_of, instead_of, on_disk
 from desim_uav.engine.compiled import BatchSimulation, calls
+from desim_uav.engine.compiled.scratch import scratch
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import Engine
 from desim_uav.env.session import ActionError, Session, as_commands, info_keys
@@ -93,7 +94,8 @@ class CompiledSession(Session):
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except addresses and outputs, which a copy makes again."""
         state = super().__getstate__()
-        del state["_row"]
+        del state["_outputs"]
+        state.pop("_row", None)
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -115,17 +117,29 @@ class CompiledSession(Session):
         own._stage, own.scenario, own._paths = other._stage, other.scenario, other._paths
         engine.carry(other.engine.carried())
         own.engine, own._started = engine, True
-        own._row.addresses[0, :3] = own.addresses()
+        own._tell()
         return own
 
     def write_to(self, outputs: Outputs, k: int) -> None:
         """Make row k of these outputs the one of this session, from now on."""
-        rows = (array[k] for array in outputs[: calls.OUTPUTS])
-        self._row = Outputs._make([*rows, outputs.addresses[k : k + 1]])
+        self._outputs = outputs, k
+        vars(self).pop("_row", None)
         if self._started:
-            self._row.addresses[0, :3] = self.addresses()
+            self._tell()
         if self.episode >= 0:
             self._look()
+
+    @cached_property
+    def _row(self) -> Outputs:
+        """The row of this session in the outputs, whose arrays are made only if it is used."""
+        outputs, k = self._outputs
+        rows = (array[k] for array in outputs[: calls.OUTPUTS])
+        return Outputs._make([*rows, outputs.addresses[k : k + 1]])
+
+    def _tell(self) -> None:
+        """Write where constants, sample path and state are, for kernels."""
+        outputs, k = self._outputs
+        outputs.addresses[k, :3] = self.addresses()
 
     def go_on(self) -> None:
         """Repeat a step that has run out of memory, in more of it.
@@ -153,7 +167,7 @@ class CompiledSession(Session):
 
     def _look(self) -> None:
         """Write the outputs of the present epoch."""
-        self._row.addresses[0, :3] = self.addresses()
+        self._tell()
         calls.look_at_all(self._row.addresses, ONE)
 
     def _new_engine(self, settings: RunSettings) -> Engine:
@@ -174,7 +188,7 @@ class CompiledSession(Session):
         indices, aims = as_commands(self.world.commands.arrays, action)
         if aims is not None:
             calls.aim_all(self._row.addresses, aims, ONE)
-        stopped = calls.step_all(self._row.addresses, indices, ONE)
+        stopped = calls.step_all(self._row.addresses, indices, ONE, scratch())
         if stopped < 0:
             raise ActionError(str(out_of_range(indices.tolist(), self.world.actions)))
         if stopped > 0:
@@ -251,7 +265,7 @@ def _whole(value: Any) -> Any:
 def states_of(addresses: NDArray[np.int64], session: Session) -> NDArray[np.float64]:
     """Return the whole states of environments like that of a session (n, numbers)."""
     states = np.empty((len(addresses), len(session.state_names)))
-    calls.state_all(addresses, np.empty((len(session.world.homes), 2)), states)
+    calls.state_all(addresses, np.empty((len(session.world.homes), 2)), states, scratch())
     return states
 
 

@@ -22,6 +22,7 @@ from desim_uav.commands.given import out_of_range
 from desim_uav.copies import Independent
 from desim_uav.engine.compiled import calls
 from desim_uav.engine.compiled.paths import blocks_of
+from desim_uav.engine.compiled.scratch import scratch
 from desim_uav.env.alone import OneThread
 from desim_uav.env.compiled import CompiledSession, Outputs
 from desim_uav.env.render import Screen
@@ -43,6 +44,9 @@ StepTask = Callable[[], int]
 
 FEWEST_DRAWN, FEWEST_STEPPED = 32, 8
 """The smallest number of environments for which a task is worth its calls: to begin and to step."""
+
+MOST_DRAWN = 128
+"""The largest number whose sample paths are drawn at once, because of the memory for drawing."""
 
 
 class Many(VectorSaving, Independent):
@@ -150,7 +154,7 @@ class Many(VectorSaving, Independent):
 
         Walks step by step are the same draws in all worlds of a scenario.
         """
-        most = max(FEWEST_DRAWN, -(-len(numbers) // self.threads))
+        most = max(FEWEST_DRAWN, min(-(-len(numbers) // self.threads), MOST_DRAWN))
         groups: dict[int, list[int]] = {}
         for k in numbers:
             world = self.sessions[k].world
@@ -168,7 +172,7 @@ class Many(VectorSaving, Independent):
         afresh = [own.begin_on(block) for own, block in zip(sessions, blocks, strict=True)]
         self.outputs.addresses[group, 1] = places
         self._which[group] = [own.which(own.episode) for own in sessions]
-        return calls.begin_all(self.outputs.addresses[group], np.array(afresh))
+        return calls.begin_all(self.outputs.addresses[group], np.array(afresh), scratch())
 
     def _reset_mask(self, options: dict[str, Any] | None) -> Flags:
         """Return the mask of the environments that a reset concerns."""
@@ -222,7 +226,7 @@ class Many(VectorSaving, Independent):
         elif indices.min() < 0 or indices.max() >= len(of_worlds.actions):
             raise ActionError(str(out_of_range(indices.tolist(), of_worlds.actions)))
         begins = self._begins(over) if over.any() else []
-        self._do([*begins, *self._in_shares(calls.step_all, indices, ~over)], self._all)
+        self._do([*begins, *self._in_shares(_step, indices, ~over)], self._all)
 
     def _in_shares(
         self, kernel: Callable[..., int], argument: NDArray[Any], which: Flags
@@ -296,6 +300,11 @@ def shares_of(count: int, threads: int) -> list[slice]:
         size = left if threads == 1 else max(left // (2 * threads), least)
         bounds.append(min(bounds[-1] + size, count))
     return [slice(*pair) for pair in pairwise(bounds)]
+
+
+def _step(rows: NDArray[np.int64], indices: NDArray[np.int64], which: Flags) -> int:
+    """Step environments in this thread (see ``calls.step_all``)."""
+    return calls.step_all(rows, indices, which, scratch())
 
 
 def work_off(left: deque[StepTask]) -> int:

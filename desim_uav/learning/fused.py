@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.compiled.calls import constants_at, path_at, state_at
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
+from desim_uav.engine.compiled.scratch import use_scratch
 from desim_uav.learning import learner
 from desim_uav.learning.rows import EpisodeRow, Lesson, QValues
 from desim_uav.model.observations import row_or_none
@@ -51,15 +52,17 @@ def play(
     parameters: Floats,
     draws: Floats,
     results: Floats,
+    scratch: int,
 ) -> None:
     """Play episodes and learn in them.
 
     ``world``, ``paths`` (episodes,), ``state`` and ``episode`` are the addresses of rows.
     ``parameters`` (episodes, 3) are those of ``learner.Parameters``, and ``draws`` (episodes,
     drones, epochs, 3) the random numbers. The results are written into ``results`` (episodes,
-    drones, RESULTS). A fault ends the last episode played.
+    drones, RESULTS). A fault ends the last episode played. ``scratch`` is as in ``calls.run``.
     """
     w, s, learning = constants_at(world), state_at(state), episode_at(episode)
+    use_scratch(s, scratch)
     for k in range(len(paths)):
         engine = CompiledTraining(w, path_at(paths[k]), s, draws[k])
         if k > 0 and (learning.terminated or parameters[k - 1, 2]):

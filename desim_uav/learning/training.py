@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.compiled import BatchSimulation
+from desim_uav.engine.compiled.scratch import scratch
 from desim_uav.errors import PolicyError, SimulationError, UsageError, notice
 from desim_uav.learning import fused
 from desim_uav.learning.algorithm import load_algorithm
@@ -124,7 +125,7 @@ class Training:
         self.episode_row: Any = self._episode_row(update, algorithm)
         if self.fuses:
             assert isinstance(self.engine, BatchSimulation)
-            self.engine.make_room_for_rings()
+            self.engine.make_room_at_once()
             self.memory = packed(self.episode_row)
             self.episode_row = View(self.memory, EpisodeRow)
         self.learners = self.episode_row.learners
@@ -218,6 +219,7 @@ class Training:
             np.array(parameters),
             self._draws(numbers),
             results,
+            scratch(),
         )
         engine.check()
         if self.episode_row.lost:

@@ -166,6 +166,9 @@ class Row:
     """The number of the word at which each field begins, by name."""
     words: ClassVar[int] = 0
     """The length of a row in memory, in words, without the entries of its tables."""
+    scratch: ClassVar[tuple[str, ...]] = ()
+    """The names of tables of numbers that mean nothing between two calls of a kernel; their entries
+    may be in memory that many rows share (see ``packed_apart``)."""
 
 
 def row(cls: type[R]) -> type[R]:
@@ -179,6 +182,9 @@ def row(cls: type[R]) -> type[R]:
         row_class.places[name] = at
         at += words_of(kind)
     row_class.words = at
+    for name in row_class.scratch:
+        if origin_of(row_class.kinds.get(name)) is not Table:
+            raise TypeError(f"{row_class.__qualname__}.scratch: {name!r} is no table of it")
     return row_class  # type: ignore[no-any-return]
 
 
@@ -301,28 +307,49 @@ def maker_of(cls: Any) -> Any:
 
 def packed(one: Row) -> Words:
     """Return a block of memory that begins with a row, followed by the entries of its tables."""
-    block = np.zeros(_size(one), np.int64)
-    _Packer(block).pack(one)
+    block = np.zeros(one.words + _size_behind(one, False), np.int64)
+    _Packer(block, False).pack(one)
     return block
 
 
-def _size(one: Row) -> int:
-    """Return the length of a row and of its tables' entries, in words."""
-    return one.words + _size_behind(one)
+def packed_apart(one: Row) -> tuple[Words, int]:
+    """Return such a block without the entries of ``scratch``, and how many words these take.
+
+    The positions of their tables are those that they would have if the memory for all of scratch
+    began where the block does. They have to be moved to where it is: ``headers_of`` lists them.
+    """
+    block = np.zeros(one.words + _size_behind(one, True), np.int64)
+    packer = _Packer(block, True)
+    packer.pack(one)
+    return block, packer.apart_end
 
 
-def _size_behind(one: Row) -> int:
-    """Return the length of the entries of a row's tables, in words."""
+@cache
+def headers_of(cls: type[Row]) -> tuple[int, ...]:
+    """Return the words of a row that hold the positions of ``scratch``, of rows in it as well."""
+    words: list[int] = []
+    for name, kind in cls.kinds.items():
+        if is_row(kind):
+            words += [cls.places[name] + word for word in headers_of(kind)]
+        elif name in cls.scratch:
+            words.append(cls.places[name])
+    return tuple(words)
+
+
+def _size_behind(one: Row, apart: bool) -> int:
+    """Return the length of the entries of a row's tables, in words, with or without scratch."""
     total = 0
     for name, kind in one.kinds.items():
         value = getattr(one, name)
+        if apart and name in one.scratch:
+            continue
         if is_row(kind):
-            total += _size_behind(value)
+            total += _size_behind(value, apart)
         elif origin_of(kind) is not None:
             of = held_by(kind)
             total += _length(kind, value) * width_of(of)
             if is_row(of) and not isinstance(value, np.ndarray):
-                total += sum(_size_behind(each) for each in value)
+                total += sum(_size_behind(each, apart) for each in value)
     return total
 
 
@@ -332,11 +359,14 @@ def _length(kind: Any, value: Any) -> int:
 
 
 class _Packer:
-    """Writes rows into a block, and the entries of their tables behind all that is written."""
+    """Writes rows into a block, and the entries of their tables behind all that is written.
 
-    def __init__(self, block: Words) -> None:
-        self.block, self.floats = block, block.view(np.float64)
-        self.end = 0
+    If scratch is ``apart``, memory of its own is counted for it, up to ``apart_end``.
+    """
+
+    def __init__(self, block: Words, apart: bool) -> None:
+        self.block, self.floats, self.apart = block, block.view(np.float64), apart
+        self.end = self.apart_end = 0
 
     def pack(self, one: Row) -> None:
         """Write a row at the start of the block, and all its tables."""
@@ -349,6 +379,9 @@ class _Packer:
             place, value = at + one.places[name], getattr(one, name)
             if is_row(kind):
                 self._write(value, place)
+            elif self.apart and name in one.scratch:
+                self.block[place : place + TABLE_WORDS] = 8 * (self.apart_end - at), len(value)
+                self.apart_end += len(value) * width_of(held_by(kind))
             elif origin_of(kind) is not None:
                 base = at if origin_of(kind) is Table else place
                 header = [8 * (self.end - base), len(value)]

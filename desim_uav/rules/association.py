@@ -26,13 +26,14 @@ def settle_levels(world: Constants, path: Path, state: State, phase: int) -> Non
     """
     for k in range(len(state.unsettled)):
         user, taken = state.users[state.unsettled[k]], False
+        links = state.links[user.index]
         if user.holder < 0 and user.covered > 0:
             _take(world, state, strongest(world, path, state, user, False), user, phase)
             taken = True
-        elif user.holder >= 0 and user.turns_us == state.now_us:
+        elif user.holder >= 0 and links.turns_us == state.now_us:
             taken = _turn(world, path, state, user, phase)
         _await_better(world, path, state, user, taken, phase)
-        user.unsettled = 0
+        links.unsettled = 0
     state.unsettled.clear()
 
 
@@ -56,7 +57,7 @@ def strongest(world: Constants, path: Path, state: State, user: User, rivals: bo
 @rule
 def _may_take(world: Constants, state: State, user: User, rival: int) -> bool:
     """Return whether a rival has been better for long enough to take a user over now."""
-    since_us = user.better_since[rival]
+    since_us = state.links[user.index].better_since[rival]
     long = since_us >= 0 and since_us + world.trigger_us <= state.now_us
     return rival != user.holder and (world.trigger_us == 0 or long)
 
@@ -75,9 +76,10 @@ def _await_better(
         if next_us != state.now_us or (taken and _takes_over(world, state, user)):
             break
         taken = _turn(world, path, state, user, phase) or taken
-    if user.turns_us < words.NEVER:
-        turns_us = max(user.turns_us, state.now_us + 1)
-        place = key(words.ATTACHMENT, user.rival, user.index)
+    links = state.links[user.index]
+    if links.turns_us < words.NEVER:
+        turns_us = max(links.turns_us, state.now_us + 1)
+        place = key(words.ATTACHMENT, links.rival, user.index)
         due(state, association_slot(state, user.index), turns_us, place)
 
 
@@ -85,13 +87,14 @@ def _await_better(
 def _foresee(world: Constants, path: Path, state: State, user: User) -> int:
     """Write which rival becomes better, ceases to be so or takes over next, and return the time."""
     undo(state, association_slot(state, user.index))
-    user.turns_us, user.rival = words.NEVER, -1
+    links = state.links[user.index]
+    links.turns_us, links.rival = words.NEVER, -1
     for d in range(len(state.senders)):
         if user.covering[d] < 0 or user.holder < 0 or d == user.holder:
-            user.better_since[d] = -1
+            links.better_since[d] = -1
             continue
         # The first of two drones is preferred if their levels are equal.
-        since_us, one, other = user.better_since[d], user.holder, d
+        since_us, one, other = links.better_since[d], user.holder, d
         preferred = int(since_us < 0)
         if not _lasts(world):
             one, other = min(d, user.holder), max(d, user.holder)
@@ -99,9 +102,9 @@ def _foresee(world: Constants, path: Path, state: State, user: User) -> int:
         at_us = passes_us(world, path, state, user, one, other, preferred, -world.margin_db)
         if since_us >= 0 and since_us + world.trigger_us < at_us:
             at_us = since_us + world.trigger_us
-        if at_us < user.turns_us and at_us <= known_until_us(state, d, user.holder):
-            user.turns_us, user.rival = at_us, d
-    return user.turns_us
+        if at_us < links.turns_us and at_us <= known_until_us(state, d, user.holder):
+            links.turns_us, links.rival = at_us, d
+    return links.turns_us
 
 
 @rule
@@ -113,7 +116,8 @@ def _lasts(world: Constants) -> bool:
 @rule
 def _takes_over(world: Constants, state: State, user: User) -> bool:
     """Return whether a user's rival, for which something is due now, takes the user over."""
-    since_us = user.better_since[user.rival]
+    links = state.links[user.index]
+    since_us = links.better_since[links.rival]
     return not _lasts(world) or (since_us >= 0 and state.now_us >= since_us + world.trigger_us)
 
 
@@ -124,11 +128,12 @@ def _turn(world: Constants, path: Path, state: State, user: User, phase: int) ->
     Of several that may take it over now, the strongest does. Returns whether the user has changed
     drones. Nothing happens if the rival no longer covers the user.
     """
-    if user.covering[user.rival] < 0:
+    links = state.links[user.index]
+    if user.covering[links.rival] < 0:
         return False
     if not _takes_over(world, state, user):
-        since_us = user.better_since[user.rival]
-        user.better_since[user.rival] = state.now_us if since_us < 0 else -1
+        since_us = links.better_since[links.rival]
+        links.better_since[links.rival] = state.now_us if since_us < 0 else -1
         return False
     rival = strongest(world, path, state, user, True)
     detach(state, state.senders[user.holder], user, phase)
@@ -140,5 +145,6 @@ def _turn(world: Constants, path: Path, state: State, user: User, phase: int) ->
 def _take(world: Constants, state: State, drone: int, user: User, phase: int) -> None:
     """Attach a user to a drone; all times to trigger begin anew, because the drone has changed."""
     attach(world, state, state.senders[drone], user, phase)
+    links = state.links[user.index]
     for d in range(len(state.senders)):
-        user.better_since[d] = -1
+        links.better_since[d] = -1

@@ -48,7 +48,8 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
     state.attached_from_us -= user.held_since_us
     user.holder = -1
     if state.keeps_links:
-        user.left, user.left_us = drone.index, state.now_us
+        links = state.links[user.index]
+        links.left, links.left_us = drone.index, state.now_us
         unsettle(state, user)
     drone.attached_users -= 1
     if state.keeps_credit:

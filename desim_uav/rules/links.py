@@ -21,31 +21,33 @@ def count_handover(state: State, drone: Drone, user: User, phase: int) -> None:
     A handover back to the drone from which the user came in its previous handover is a ping-pong
     if it comes within ``PING_PONG_US``.
     """
-    if user.left_us == state.now_us and user.left not in (-1, drone.index):
+    links = state.links[user.index]
+    if links.left_us == state.now_us and links.left not in (-1, drone.index):
         state.handed_over += 1
         note(state, phase, ON_HANDOVER, drone.index, user.index, -1, -1)
-        if user.came_from == drone.index and state.now_us - user.came_us <= PING_PONG_US:
+        if links.came_from == drone.index and state.now_us - links.came_us <= PING_PONG_US:
             state.ping_pongs += 1
             note(state, phase, ON_PING_PONG, drone.index, user.index, -1, -1)
-        user.came_from, user.came_us = user.left, state.now_us
+        links.came_from, links.came_us = links.left, state.now_us
 
 
 @rare_rule
 def forget_links(state: State, user: User) -> None:
     """Clear the records of a user's links from the previous episode."""
-    user.left = user.left_us = user.came_from = -1
-    user.outage_since_us = user.outage_until_us = -1
-    user.outage_began_in = user.outage_ended_in = user.unsettled = user.came_us = 0
-    user.turns_us, user.rival = NEVER, -1
-    for d in range(len(state.senders)):
-        user.better_since[d] = -1
+    links = state.links[user.index]
+    links.left = links.left_us = links.came_from = -1
+    links.outage_since_us = links.outage_until_us = -1
+    links.outage_began_in = links.outage_ended_in = links.unsettled = links.came_us = 0
+    links.turns_us, links.rival = NEVER, -1
+    for d in range(len(links.better_since)):
+        links.better_since[d] = -1
 
 
 @rare_rule
 def unsettle(state: State, user: User) -> None:
     """Mark a user, whose levels are then compared when this instant is settled."""
-    if state.by_level and not user.unsettled:
-        user.unsettled = 1
+    if state.by_level and not state.links[user.index].unsettled:
+        state.links[user.index].unsettled = 1
         state.unsettled.append(user.index)
 
 
@@ -65,18 +67,20 @@ def begin_outage(state: State, user: User, phase: int) -> None:
     """
     if user.covered > 0 or user.request.number < 0:
         return
-    if user.outage_since_us >= 0 and user.outage_until_us == state.now_us:
-        user.outage_until_us = -1
+    links = state.links[user.index]
+    if links.outage_since_us >= 0 and links.outage_until_us == state.now_us:
+        links.outage_until_us = -1
         return
     count_outage(state, user)
-    user.outage_since_us, user.outage_began_in = state.now_us, phase
+    links.outage_since_us, links.outage_began_in = state.now_us, phase
 
 
 @rare_rule
 def end_outage(state: State, user: User, phase: int) -> None:
     """End the outage of a user, if there is one."""
-    if user.outage_since_us >= 0 and user.outage_until_us < 0:
-        user.outage_until_us, user.outage_ended_in = state.now_us, phase
+    links = state.links[user.index]
+    if links.outage_since_us >= 0 and links.outage_until_us < 0:
+        links.outage_until_us, links.outage_ended_in = state.now_us, phase
 
 
 @rare_rule
@@ -85,13 +89,14 @@ def count_outage(state: State, user: User) -> None:
 
     Both are certain only after the instants at which it begins and ends, so it is logged later.
     """
-    since_us, until_us = user.outage_since_us, user.outage_until_us
+    links = state.links[user.index]
+    since_us, until_us = links.outage_since_us, links.outage_until_us
     if since_us < until_us:
         state.outages += 1
         state.outage_us += until_us - since_us
-        _note_outage(state, ON_OUTAGE, since_us, user.outage_began_in, user)
-        _note_outage(state, ON_OUTAGE_END, until_us, user.outage_ended_in, user)
-    user.outage_since_us = user.outage_until_us = -1
+        _note_outage(state, ON_OUTAGE, since_us, links.outage_began_in, user)
+        _note_outage(state, ON_OUTAGE_END, until_us, links.outage_ended_in, user)
+    links.outage_since_us = links.outage_until_us = -1
 
 
 @rare_rule

@@ -131,6 +131,7 @@ class LegRow(Row):
 class Making(Row):
     """The memory in which marks are made (``model.radio.marks.Memory``)."""
 
+    scratch = ("tracks", "borders_s", "visits", "turns", "times_s", "blocked")
     tracks: Table[TrackRow]
     borders_s: Table[float]
     visits: Table[Visit]
@@ -154,9 +155,16 @@ class Sky(Row):
     The rest is for links whose changes are not those of rings: the classes ``held`` before a span,
     by sender and user; the changes by which one level ``passed`` another; and memory for marks, of
     which each sender has ``mark_rows``. ``marks_lost`` says that they were too few, or the memory
-    in which they are made.
+    in which they are made. In the compiled engine, scratch (``engine.compiled.scratch``) is
+    ``scratch_at`` bytes behind the state, which needs ``scratch_words`` of it.
     """
 
+    scratch = (
+        *("seen", "heads", "following", "changes", "found", "order", "tracks", "turns"),
+        *("held", "passed"),
+    )
+    scratch_at: int
+    scratch_words: int
     legs: Table[LegRow]
     from_us: int
     to_us: int

@@ -111,11 +111,12 @@ def _read(simulation: Simulation, record: InstantRecord) -> None:
 def _handover(simulation: Simulation, record: InstantRecord, number: int, drone: int) -> None:
     """Check that a user is not handed back at once by levels that rounding has made different."""
     state, user = simulation.state, simulation.state.users[number]
+    links = state.links[number]
     at_us, came_from, left = record.handed.get(number, (-BACK_US, -1, -1))
-    record.handed[number] = state.now_us, user.left, drone
+    record.handed[number] = state.now_us, links.left, drone
     radios = [links.radio for links in simulation.world.links]
     steady = state.by_level and not any(radio.graded and radio.marked for radio in radios)
-    back = (came_from, left) == (drone, user.left) and user.covering[left] >= 0
+    back = (came_from, left) == (drone, links.left) and user.covering[left] >= 0
     if steady and back:
         lasted_us = state.now_us - at_us
         assert not 0 < lasted_us < BACK_US, f"user {number} is handed back after {lasted_us} µs"

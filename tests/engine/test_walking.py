@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,8 @@ from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.model.geometry.coverage import T0_US
 from desim_uav.model.mobility.mobility import RandomWalk, Static
+from desim_uav.model.mobility.walks import Walking
+from desim_uav.rules.rows import LookRow, State
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -45,10 +49,19 @@ def walking(walk: dict[str, float], step_s: float) -> World:
 
 def walked(engine: BatchSimulation, user: int) -> NDArray[np.float64]:
     """The legs of a user that the engine has in this step."""
-    walking = engine.state.look.walking
-    first, last = walking.legs_at[user : user + 2].tolist()
-    legs: NDArray[np.float64] = walking.legs[5 * first : 5 * last].reshape(-1, 5)
-    return legs
+    at = State.places["look"] + LookRow.places["walking"]
+    begins: Any = in_scratch(engine, at, Walking, "legs_at", ctypes.c_int64)
+    legs = in_scratch(engine, at, Walking, "legs", ctypes.c_double)
+    return legs[5 * begins[user] : 5 * begins[user + 1]].reshape(-1, 5)
+
+
+def in_scratch(
+    engine: BatchSimulation, at: int, cls: Any, name: str, kind: Any
+) -> NDArray[np.float64]:
+    """The numbers of a table of the row at a word of the state, wherever they are in memory."""
+    offset, count = engine.memory[at + cls.places[name] :][:2].tolist()
+    place = engine.state_at + 8 * at + offset
+    return np.ctypeslib.as_array((kind * count).from_address(place)).copy()
 
 
 def in_span(path: SamplePath, user: int, start_us: int, end_us: int) -> NDArray[np.float64]:

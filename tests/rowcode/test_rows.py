@@ -675,3 +675,14 @@ def test_numbers_in_single_precision_by_their_address():
     values = np.array([1.0, 0.0, 7.0], np.float32)
     assert in_singles(values.ctypes.data) == float(np.float32(1 / 3))
     assert values.tolist() == [1.0, float(np.float32(1 / 3)), 7.0]
+
+
+@pytest.mark.parametrize("name", ["nothing", "books", "queue"])
+def test_scratch_names_tables_of_the_row(name: str):
+    class Desk(Row):
+        scratch = (name,)
+        books: int
+        queue: Queue[int]
+
+    with pytest.raises(TypeError, match=rf"Desk\.scratch: '{name}' is no table of it"):
+        row(Desk)

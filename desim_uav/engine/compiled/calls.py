@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP
 from desim_uav.engine.compiled import loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
+from desim_uav.engine.compiled.scratch import use_scratch, words_at
 from desim_uav.model.decisions import discount_of
 from desim_uav.model.geometry.coverage import leg_at, walked
 from desim_uav.model.mobility.walks import LEG_COLUMNS
@@ -39,7 +40,7 @@ constants_at: Callable[[int], Constants] = pointer_to(Constants)
 path_at: Callable[[int], Path] = pointer_to(Path)
 state_at: Callable[[int], State] = pointer_to(State)
 
-floats_at, bytes_at, words_at = entries_at(float), entries_at(bool), entries_at(int)
+floats_at, bytes_at = entries_at(float), entries_at(bool)
 
 DRONE_WORDS = Drone.words
 
@@ -64,12 +65,16 @@ def set_functions(constants: Constants, graded: bool, in_air: bool) -> None:
 
 
 @kernel
-def run(world: int, path: int, state: int, what: int) -> None:
-    """Do one of START_AFRESH, RESET and STEP (see ``loop.run``)."""
-    at = constants_at(world)
+def run(world: int, path: int, state: int, what: int, scratch: int) -> None:
+    """Do one of START_AFRESH, RESET and STEP (see ``loop.run``).
+
+    ``scratch`` is what ``scratch.scratch`` returns in the thread of the call.
+    """
+    at, own = constants_at(world), state_at(state)
+    use_scratch(own, scratch)
     if what == RESET:
-        _keep_begun(state_at(state))
-    call(at.run, (at, path_at(path), state_at(state), what))
+        _keep_begun(own)
+    call(at.run, (at, path_at(path), own, what))
 
 
 @rule
@@ -159,11 +164,12 @@ class OutputRow(NamedTuple):
 
 
 @kernel
-def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> int:
+def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_], scratch: int) -> int:
     """Step the environments ``which`` (n,); return the number of those that a fault has stopped.
 
     ``environments`` has the shape (n, ADDRESSES) and ``commands`` (n, drones). If a command is not
-    the index of an action, no environment is stepped, and the number is -1.
+    the index of an action, no environment is stepped, and the number is -1. ``scratch`` is as in
+    ``run``.
     """
     for k in range(len(environments)):
         actions = len(constants_at(environments[k, 0]).moves)
@@ -174,6 +180,7 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
         if which[k]:
             row = environments[k]
             world, own = constants_at(row[0]), state_at(row[2])
+            use_scratch(own, scratch)
             for d in range(commands.shape[1]):
                 own.drones[d].command = commands[k, d]
             over = bytes_at(row[OVER], 3)
@@ -184,14 +191,16 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
 
 
 @kernel
-def begin_all(environments: Ints, afresh: NDArray[np.bool_]) -> int:
+def begin_all(environments: Ints, afresh: NDArray[np.bool_], scratch: int) -> int:
     """Begin episodes in all environments (n,); return how many a fault has stopped.
 
-    The drones of those that begin ``afresh`` (n,) are put at their starts first.
+    The drones of those that begin ``afresh`` (n,) are put at their starts first. ``scratch`` is as
+    in ``run``.
     """
     for k in range(len(environments)):
         row = environments[k]
         world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
+        use_scratch(own, scratch)
         if afresh[k]:
             call(world.run, (world, path, own, START_AFRESH))
         _keep_begun(own)
@@ -260,15 +269,19 @@ def _look_at_row(row: Ints) -> int:
 
 
 @kernel
-def state_all(environments: Ints, places: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+def state_all(
+    environments: Ints, places: NDArray[np.float64], out: NDArray[np.float64], scratch: int
+) -> None:
     """Write the whole states of all environments into ``out`` (n, numbers).
 
-    ``places`` (users, 2) is memory for the places of the users of one environment.
+    ``places`` (users, 2) is memory for the places of the users of one environment, and ``scratch``
+    is as in ``run``.
     """
     for k in range(len(environments)):
         row = environments[k]
         world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
         now_us = own.now_us
+        use_scratch(own, scratch)
         know_walks(world, path, own, now_us, now_us)
         rows, begins = path.legs, path.legs_at
         if path.stepwise:
@@ -349,8 +362,8 @@ _I64, _TABLE = types.int64, types.int64[:, ::1]
 _NUMBERS, _FLAGS = types.float64[:, ::1], types.boolean[::1]
 
 OF_STEPS: dict[Any, tuple[Any, ...]] = {
-    run: (_I64,) * 4,
-    step_all: (_TABLE, _TABLE, _FLAGS),
+    run: (_I64,) * 5,
+    step_all: (_TABLE, _TABLE, _FLAGS, _I64),
     look_at_all: (_TABLE, _FLAGS),
 }
 """The kernels that runs and environments call at each step, with the types of their arguments."""
@@ -359,10 +372,10 @@ OTHERS: dict[Any, tuple[Any, ...]] = {
     describe: (_I64,) * 2,
     aim_all: (_TABLE, types.float64[:, :, ::1], _FLAGS),
     resume: (_I64, _I64, _I64, _TABLE),
-    begin_all: (_TABLE, _FLAGS),
+    begin_all: (_TABLE, _FLAGS, _I64),
     fork_all: (_I64, _I64, _I64, _I64, _TABLE, _FLAGS),
     faults_of: (_I64,),
-    state_all: (_TABLE, _NUMBERS, _NUMBERS),
+    state_all: (_TABLE, _NUMBERS, _NUMBERS, _I64),
 }
 """The other kernels of this module."""
 

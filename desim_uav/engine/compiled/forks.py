@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import OWN_COUNTS
 from desim_uav.engine.compiled import calls
 from desim_uav.engine.compiled.calls import ADDRESSES, NUMBERS
+from desim_uav.engine.compiled.scratch import scratch
 from desim_uav.engine.compiled.simulation import BatchSimulation
 from desim_uav.errors import SimulationError
 from desim_uav.rules.words import OUT_OF_MEMORY
@@ -83,7 +84,7 @@ class Forks:
             going &= which
         if commands.shape != shape:
             raise ValueError(f"commands must have the shape {shape}, not {commands.shape}")
-        stopped = calls.step_all(self.table, commands, going)
+        stopped = calls.step_all(self.table, commands, going, scratch())
         if stopped < 0:
             raise ValueError(f"commands must be from 0 to {len(self.engine.world.actions) - 1}")
         return stopped

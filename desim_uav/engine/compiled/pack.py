@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -35,10 +35,11 @@ from desim_uav.model.mobility.walking import walking_of
 from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.rules import US
 from desim_uav.rowcode.components import compiled
-from desim_uav.rowcode.rows import Table, Words, blank, held_by, packed
-from desim_uav.rowcode.views import View
+from desim_uav.rowcode.rows import Table, Words, blank, held_by, packed, packed_apart
+from desim_uav.rowcode.views import View, array_of
 from desim_uav.rules.due import crossing_slot, slots
 from desim_uav.rules.rows import Constants, Drone, State, Station
+from desim_uav.sky.rows import Sky
 from desim_uav.world import World
 
 Array = np.ndarray[Any, Any]
@@ -93,9 +94,24 @@ class Fixed(Unchanging):
     at: int = field(init=False, default=0)
     """The address of the constants."""
 
+    @cached_property
+    def constants(self) -> Any:
+        """The constants by name, of all engines of this world and these settings."""
+        return View(self.block, Constants)
+
+    @cached_property
+    def plans(self) -> Array:
+        """The planned returns, as an array of rows."""
+        return array_of(self.block, Constants, "plans")
+
+    @cached_property
+    def hops(self) -> Array:
+        """Their hops, as an array of rows."""
+        return array_of(self.block, Constants, "hops")
+
     def __post_init__(self) -> None:
         """Write the addresses, which are valid only in this process."""
-        constants: Any = View(self.block, Constants)
+        constants = self.constants
         set_functions(constants, self.graded, self.in_air)
         codes = []
         placed = (
@@ -225,7 +241,8 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
         walking.walkers, walking.legs_at = np.zeros((users, walker.words), int), _whole(users + 1)
         walking.legs = np.zeros(LEG_COLUMNS * legs)
     state.drones = Table()  # which are the first of the senders
-    block = packed(state)
+    block, scratch_words = packed_apart(state)
+    block[State.places["sky"] + Sky.places["scratch_words"]] = scratch_words
     senders_at, drones_at = State.places["senders"], State.places["drones"]
     block[drones_at : drones_at + 2] = block[senders_at], drones
     return block

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, cached_property
 from pickle import UnpicklingError
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -19,6 +19,7 @@ from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.pack import begun_words, legs_of_step, pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.saving import Block
+from desim_uav.engine.compiled.scratch import need, scratch
 from desim_uav.engine.courses import aims_of
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, copied, write
@@ -30,7 +31,7 @@ from desim_uav.model.state import Snapshot
 from desim_uav.rowcode.code_digest import code_digest
 from desim_uav.rowcode.rows import Words, held_by, is_row, named
 from desim_uav.rowcode.views import View, array_of, dtype_of
-from desim_uav.rules.rows import Constants, Drone, LookRow, PlanRow, State, Station
+from desim_uav.rules.rows import Drone, LookRow, PlanRow, State, Station
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY, UNFINISHED
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.scenario.description import code_of, own_classes
@@ -40,7 +41,11 @@ BUFFER, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
 """The initial buffers, which are doubled when an episode needs more: for the log of a step (rows in
 all, and rows per user), and for the crossings of a leg (rows per user)."""
 
-DERIVED = ("state", "state_at", "drones", "constants", "all_plans", "all_hops")
+FEW = 3
+"""The share of these crossings for which there is memory at first, if links have no classes and the
+episode can be repeated."""
+
+DERIVED = ("state", "state_at", "drones", "constants")
 """The attributes that are views of an engine's memory, which a copy makes again."""
 
 
@@ -62,7 +67,8 @@ class BatchSimulation(Engine):
         super().__init__(world, settings)
         self.fixed = pack(world, settings)
         users = len(world.homes)
-        self.buffers = Buffers(BUFFER + REQUESTS_A_USER * users, CROSSINGS_A_USER * users + 16)
+        crossings = _most_crossings(world) // (1 if world.graded else FEW)
+        self.buffers = Buffers(BUFFER + REQUESTS_A_USER * users, crossings)
         self.leg_buffer = legs_of_step(world)
         self._make_room()
 
@@ -85,16 +91,16 @@ class BatchSimulation(Engine):
         self.memory = owned(self.memory)
         self._name_parts()
 
-    def make_room_for_rings(self) -> None:
-        """Enlarge the buffers by the number of classes of links, for who cannot repeat an episode.
+    def make_room_at_once(self) -> None:
+        """Enlarge the buffers, also by the number of classes, for who cannot repeat an episode.
 
         It must be called before the first episode.
         """
         rings = max(len(links.efficiencies) - 1 for links in self.world.links)
+        self.buffers = Buffers(self.buffers.log, rings * _most_crossings(self.world))
         if rings > 1:
-            self.buffers = Buffers(self.buffers.log, rings * self.buffers.crossings)
             self.leg_buffer *= 2
-            self._make_room()
+        self._make_room()
 
     def _make_room(self) -> None:
         """Make a new state in memory."""
@@ -103,12 +109,16 @@ class BatchSimulation(Engine):
 
     def _name_parts(self) -> None:
         """Set the attributes through which Python reads and writes the memory."""
-        self.constants = View(self.fixed.block, Constants)
-        self.all_plans = array_of(self.fixed.block, Constants, "plans")
-        self.all_hops = array_of(self.fixed.block, Constants, "hops")
+        vars(self).pop("drones", None)
+        self.constants = self.fixed.constants
         self.state_at = int(self.memory.ctypes.data)
         self.state = View(self.memory, State)
-        self.drones = self.state.drones
+        need(self.state)
+
+    @cached_property
+    def drones(self) -> Any:  # type: ignore[override]
+        """The drones' rows in memory, which are made only for who asks for them."""
+        return self.state.drones
 
     def refuse_unseen(self) -> None:
         """Raise ScenarioError if the scenario's observation is not compiled."""
@@ -125,9 +135,7 @@ class BatchSimulation(Engine):
         if not same or world.in_air or world.reach_m != self.world.reach_m:
             return False
         self.world, self.fixed = world, pack(world, settings)
-        self.constants = View(self.fixed.block, Constants)
-        self.all_plans = array_of(self.fixed.block, Constants, "plans")
-        self.all_hops = array_of(self.fixed.block, Constants, "hops")
+        self.constants = self.fixed.constants
         self.carry(None)
         return True
 
@@ -148,16 +156,16 @@ class BatchSimulation(Engine):
 
     def plan(self, number: int) -> Any:
         """Return the planned return with this number."""
-        return named(PlanRow)._make(self.all_plans[number].tolist())
+        return named(PlanRow)._make(self.fixed.plans[number].tolist())
 
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
         """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
-        hops: list[tuple[int, int, int]] = self.all_hops[first:end].tolist()
+        hops: list[tuple[int, int, int]] = self.fixed.hops[first:end].tolist()
         return hops
 
     def route(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
         """Return the numbers of hops, which are the end of some planned return."""
-        all_rows, rows = self.all_hops.view(np.int64).reshape(-1, 3), np.array(hops, np.int64)
+        all_rows, rows = self.fixed.hops.view(np.int64).reshape(-1, 3), np.array(hops, np.int64)
         starts = np.flatnonzero((all_rows[: len(all_rows) - len(rows) + 1] == rows[0]).all(axis=1))
         for first in starts.tolist():
             if (all_rows[first : first + len(rows)] == rows).all():
@@ -166,7 +174,7 @@ class BatchSimulation(Engine):
 
     def start_afresh(self) -> None:
         """Put all drones at their starting cells with full batteries, and empty the stations."""
-        calls.run(self.fixed.at, self.state_at, self.state_at, START_AFRESH)
+        calls.run(self.fixed.at, self.state_at, self.state_at, START_AFRESH, scratch())
 
     def features(self) -> list[tuple[float, ...]]:
         """Return each drone's features, as far as an observation over rows has written them."""
@@ -188,7 +196,7 @@ class BatchSimulation(Engine):
         self._began = self._carried, self._goes_on
         self.path, _ = self.prepare(SamplePaths.of(path))
         self.drawn = path
-        calls.run(*self.addresses(), RESET)
+        calls.run(*self.addresses(), RESET, scratch())
         self.drain()
 
     def begin_on(self, path: Words, drawn: Callable[[], SamplePath], episode: int) -> bool:
@@ -321,7 +329,7 @@ class BatchSimulation(Engine):
     def step(self, commands: Sequence[Command]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         self.hear(commands)
-        calls.run(*self.addresses(), STEP)
+        calls.run(*self.addresses(), STEP, scratch())
         self.drain()
         return self.snapshot()
 
@@ -341,7 +349,7 @@ class BatchSimulation(Engine):
                     drone.command = command
                 if len(aims):
                     aims_of(aims, step, self.drones)
-                calls.run(*self.addresses(), STEP)
+                calls.run(*self.addresses(), STEP, scratch())
         self.check_components()
         self.drain_log()
 
@@ -349,8 +357,13 @@ class BatchSimulation(Engine):
         """Begin the episode anew in memory that has been made anew; return the step, 0."""
         self.load(self._before())
         self.new_log(self.log.episode)
-        calls.run(*self.addresses(), RESET)
+        calls.run(*self.addresses(), RESET, scratch())
         return 0
+
+
+def _most_crossings(world: World) -> int:
+    """Return how many crossings few legs exceed, if links have no classes."""
+    return CROSSINGS_A_USER * len(world.homes) + 16
 
 
 _CODES: WeakKeyDictionary[World, list[str]] = WeakKeyDictionary()

@@ -211,7 +211,7 @@ def _next_wall(at: float, velocity: float, size: float, most_us: int) -> tuple[f
 def walking_of(mobility: Any) -> Any:
     """Return the class of rows for the walks by a class of models."""
     kinds = {**Walking.kinds, "walkers": Table[remembering(Walker, mobility)]}  # type: ignore[misc]
-    return row(type("Walking", (Row,), {"__annotations__": kinds}))
+    return row(type("Walking", (Row,), {"__annotations__": kinds, "scratch": Walking.scratch}))
 
 
 def _around(cls: Any, values_at: ValuesAt) -> Any:

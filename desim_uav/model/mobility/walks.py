@@ -77,6 +77,7 @@ class Walking(Row):
     user whose leg is invalid (see ``misstep``), plus 1; 0 if there is none.
     """
 
+    scratch = ("legs", "legs_at")
     width_m: float
     depth_m: float
     horizon_us: int
@@ -125,6 +126,7 @@ def walk_by(
         first_us = min(start_us + 1, walking.horizon_us)
         last_us = min(end_us + 1, walking.horizon_us)
         legs, count, most = walking.legs, 0, len(walking.legs) // LEG_COLUMNS
+        walking.legs_at[0] = 0
         for user in range(len(walking.walkers)):
             walker = held(walking.walkers[user])
             while True:

@@ -151,6 +151,7 @@ class Air(Row):
     has the mean loss, and so do all if ``marks_at`` is empty.
     """
 
+    scratch = ("tracks",)
     used: int
     start_us: int
     links: Table[Link]

@@ -21,5 +21,5 @@ from desim_uav.rules.rows.flights import (
 from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.sample_path import Ask, Path
 from desim_uav.rules.rows.state import LookRow, State, Wide
-from desim_uav.rules.rows.users import Request, Spot, User
+from desim_uav.rules.rows.users import Request, Spot, User, UserLinks
 from desim_uav.sky.rows import Change, PieceRow, TransitRow

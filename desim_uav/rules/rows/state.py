@@ -6,7 +6,7 @@ from desim_uav.model.mobility.walks import Walking
 from desim_uav.rowcode.rows import Queue, Row, Table, row
 from desim_uav.rules.rows.drones import Drone, ObservationRow, Pair, Station
 from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
-from desim_uav.rules.rows.users import Spot, User
+from desim_uav.rules.rows.users import Spot, User, UserLinks
 from desim_uav.sky.rows import Sky
 
 
@@ -47,7 +47,8 @@ class State(Row):
     to be looked at between decision epochs, it ``renews``. ``to_scan`` counts the drones whose
     queues have to be scanned. If
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
-    the time in outages that have ended (see ``rules.links``). If drones have to keep a distance,
+    the time in outages that have ended, and ``links`` are those of its users; else there are none
+    (see ``rules.links``). If drones have to keep a distance,
     ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
     ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the least
     distance in the windows that have ended. At
@@ -100,6 +101,7 @@ class State(Row):
     drones: Table[Drone]
     pairs: Table[Pair]
     users: Table[User]
+    links: Table[UserLinks]
     stations: Table[Station]
     loose: Queue[int]
     unsettled: Queue[int]

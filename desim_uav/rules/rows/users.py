@@ -55,13 +55,7 @@ class User(Row):
     ``classes`` holds the classes of its links to the senders; ``covering`` holds the times at which
     it entered their footprints, where the class is at least 1, and ``covered`` is the number of
     those that it is in. ``share`` is the served share of its open request when service
-    last stopped; ``doing`` is its ``UserState`` at the end of the episode. It was attached to drone
-    ``left`` until ``left_us``, and at ``came_us`` it was handed over from drone ``came_from``. Its
-    latest outage that is not counted yet (see ``rules.links``) began at ``outage_since_us`` in the
-    phase ``outage_began_in``, and ended at ``outage_until_us`` in the phase ``outage_ended_in``
-    (-1: there is none, or it has not ended). If users are associated by level, drones have been
-    better for it than its own ``better_since`` (-1: they are not); the next to change this is
-    ``rival``, at ``turns_us``.
+    last stopped; ``doing`` is its ``UserState`` at the end of the episode.
     """
 
     index: int
@@ -71,6 +65,23 @@ class User(Row):
     next_ask: int
     share: float
     doing: int
+    request: Request
+    classes: Table[int]
+    covering: Table[int]
+
+
+@row
+class UserLinks(Row):
+    """What is kept of the links of a user (see ``rules.links``).
+
+    The user was attached to drone ``left`` until ``left_us``, and at ``came_us`` it was handed over
+    from drone ``came_from``. Its latest outage that is not counted yet began at ``outage_since_us``
+    in the phase ``outage_began_in``, and ended at ``outage_until_us`` in the phase
+    ``outage_ended_in`` (-1: there is none, or it has not ended). If users are associated by level,
+    drones have been better for it than its own ``better_since`` (-1: they are not); the next to
+    change this is ``rival``, at ``turns_us``.
+    """
+
     left: int
     left_us: int
     came_from: int
@@ -82,9 +93,6 @@ class User(Row):
     unsettled: int
     rival: int
     turns_us: int
-    request: Request
-    classes: Table[int]
-    covering: Table[int]
     better_since: Table[int]
 
 

@@ -1,0 +1,70 @@
+"""Scratch: memory that means nothing between two calls, of which each thread has one.
+
+Rows list the tables of it (``Row.scratch``). A state knows how long they are and where they lie in
+scratch; each call of a kernel that needs them first says where the scratch of its thread is.
+"""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of
+from desim_uav.rowcode.kernels import rule
+from desim_uav.rowcode.rows import Words, headers_of, place
+from desim_uav.rules.rows import State
+
+HEADERS = headers_of(State)
+"""The words of a state that say where its tables in scratch are, relative to their rows."""
+
+WORDS = State.words
+
+words_at = entries_at(int)
+
+
+class _OfThread(threading.local):
+    """The scratch of a thread: its address, and the memory there, which only grows.
+
+    ``most`` words are the most that a state of any thread has needed so far.
+    """
+
+    most = 0
+    address = 0
+
+    def __init__(self) -> None:
+        self.blocks = [np.zeros(0, np.int64)]
+
+
+_own = _OfThread()
+
+
+def need(state: State) -> None:
+    """Let all scratch suffice for a state, from the next calls of kernels on."""
+    _OfThread.most = max(_OfThread.most, state.sky.scratch_words)
+
+
+def scratch() -> int:
+    """Return the address of the scratch of this thread, for the call of a kernel."""
+    if len(_own.blocks[-1]) < _OfThread.most:
+        block: Words = np.zeros(2 * _OfThread.most, np.int64)
+        _own.blocks.append(block)  # the smaller ones stay, for who still knows their addresses
+        _own.address = place(block)
+    return _own.address
+
+
+@rule
+def use_scratch(state: State, scratch: int) -> None:
+    """Let the tables of a state be in the scratch at an address, and forget what they may hold.
+
+    A state may have been copied or moved since its last call, which may also have been in another
+    thread. ``Sky.scratch_at`` is where scratch was then, relative to the state, so that nothing has
+    to be done if it is still there.
+    """
+    sky, words = state.sky, as_array(words_at(place_of(state), WORDS), (WORDS,))
+    moved = scratch - place_of(state) - sky.scratch_at
+    if moved != 0:
+        for header in HEADERS:
+            words[header] += moved
+        sky.scratch_at += moved
+    sky.from_us = sky.to_us = state.look.walked_us = -1
