@@ -13,6 +13,7 @@ from desim_uav.policies import load_policy
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.run_to_folder import run_to_folder
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +24,7 @@ def small_batches(monkeypatch, tmp_path):
 
 def kept(episodes=5, warmup=1):
     """The episodes that a run has kept, and whether it was interrupted."""
-    done = command.run_to_folder(
+    done = run_to_folder(
         load(scenario_path("tiny")),
         "hover",
         episodes=episodes,
