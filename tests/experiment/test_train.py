@@ -24,6 +24,7 @@ from desim_uav.model.observations import Feature
 from desim_uav.parquet_file import read_table
 from desim_uav.records import TRAINING
 from desim_uav.report.figures.training import read_training
+from desim_uav.sample_path import MOST_AT_ONCE
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.scenario.schema import Scenario
 
@@ -257,7 +258,7 @@ print(done.interrupted, done.summary()["episodes"])
     command = [sys.executable, "-c", script, tmp_path / "small.yaml", tmp_path / "t"]
     stopped = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     interrupted, episodes = stopped.stdout.split()
-    assert interrupted == "True" and 17 <= int(episodes) <= 64  # those played in one call
+    assert interrupted == "True" and 17 <= int(episodes) <= MOST_AT_ONCE  # played in one call
     assert not (tmp_path / "t" / "policy.npz").exists()
     scenario = load(tmp_path / "small.yaml")
     trained(tmp_path / "t", scenario, resume=True)

@@ -128,4 +128,4 @@ def test_the_schema_for_editors_has_both_forms() -> None:
     one, several = drones["anyOf"]
     assert one["$ref"].endswith("Drones")
     assert several["type"] == "array" and several["minItems"] == 1
-    assert json_schema()["$defs"]["DroneType"]["required"] == ["name"]
+    assert json_schema()["$defs"]["NamedDrones"]["required"] == ["name"]
