@@ -212,11 +212,17 @@ def coast_of(piece: Relative) -> Coast:
     )
 
 
+@kernel
+def root_at(piece: Relative, radius: float, low: float, high: float, enters: bool) -> float:
+    """Return the time in [low, high] at which the distance, which is monotone there, is R."""
+    return root_of(piece, coast_of(piece), radius, low, high, enters)
+
+
 @part
 def root_of(
     piece: Relative, coast: Coast, radius: float, low: float, high: float, enters: bool
 ) -> float:
-    """Return the time in [low, high] at which the distance, which is monotone there, is R."""
+    """Return the same time as ``root_at``."""
     if piece.ax == 0.0 and piece.ay == 0.0:
         # Quadratic: |w|² t² + 2 (p·w) t + |p|² - R² = 0, without cancellation in either term.
         b, distance, a, speed, cross = coast
@@ -237,7 +243,7 @@ def root_of(
 def _accelerated_root(
     piece: Relative, radius: float, low: float, high: float, enters: bool
 ) -> float:
-    """Return the same time as ``root_of``, by Newton's method that is safeguarded by bisection."""
+    """Return the same time as ``root_at``, by Newton's method that is safeguarded by bisection."""
     t = 0.5 * (low + high)
     for _ in range(80):
         value = excess_at(piece, radius, t)

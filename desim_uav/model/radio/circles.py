@@ -1,10 +1,7 @@
 """When a user passes into another ring around a drone: crossings of nested circles.
 
-The roots of |drone(t) - user(t)| = R are computed by safeguarded methods; nothing is sampled. A
-piece is a stretch of time in which drone and user both keep their acceleration
-(``model.geometry.relative``). All circles are looked at together: a user who is between two circles
-crosses one of these two next. On which side of a circle a user is, is carried from piece to piece,
-so entries and exits alternate whatever the rounding, and a tangent is never an entry without exit.
+Each circle is crossed as the footprint's edge is (``model.geometry.crossings``), and all of them
+are looked at together: a user who is between two circles crosses one of these two next.
 """
 
 from __future__ import annotations
@@ -42,7 +39,7 @@ from desim_uav.model.geometry.relative import (
     turning_points,
 )
 from desim_uav.model.motion.motion import START
-from desim_uav.model.radio.passages import Radii, begin_passages, passed
+from desim_uav.model.radio.passages import begin_passages, passed
 from desim_uav.rowcode.kernels import part
 
 MOST_REST = 2
@@ -54,19 +51,17 @@ def cross_rings(
     leg: DroneLeg,
     users: Users,
     user: int,
-    radii: Radii,
+    radii: NDArray[np.float64],
     first: int,
     stop: int,
-    ends: bool,
     out: NDArray[np.int64],
     total: int,
 ) -> int:
     """Write when a user passes into another ring, in order of time; return the new total.
 
     The circles ``first`` … ``stop`` - 1, the widest first, may be crossed; the user stays within
-    the wider ones and outside the narrower ones. The times are those for each circle alone; for the
-    rows see ``model.radio.passages``. ``ends`` says whether ``users.seen`` has bounds of the
-    distances at the ends of the leg (START_NEAR to STOP_FAR), which may spare a search.
+    the wider ones and outside the narrower ones. The times are those of ``cross`` for each circle
+    alone; for the rows see ``model.radio.passages``.
     """
     profile, legs, heading = leg.profile, users.legs, heading_of(leg)
     start_us, end_us = leg.span_us
@@ -81,7 +76,7 @@ def cross_rings(
     while at < duration:
         while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
             phase += 1
-        if _keeps_away(profile, phase, ends, users, user, radii, circles, one.now):
+        if _keeps_away(profile, phase, users, user, radii, circles, one.now):
             at = _until(profile, phase, duration)
             continue
         while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
@@ -145,16 +140,15 @@ def _until(profile: NDArray[np.float64], phase: int, end: float) -> float:
 def _keeps_away(
     profile: NDArray[np.float64],
     phase: int,
-    ends: bool,
     users: Users,
     user: int,
-    radii: Radii,
+    radii: NDArray[np.float64],
     circles: tuple[int, int],
     now: int,
 ) -> bool:
     """Return whether a user crosses no circle while the drone speeds up or brakes, by bounds."""
     first, stop = circles
-    if not ends or len(profile) <= MOST_REST or 0 < phase != len(profile) - 2:
+    if len(profile) <= MOST_REST or not (phase == 0 or phase == len(profile) - 2):
         return False
     near, far = (START_NEAR, START_FAR) if phase == 0 else (STOP_NEAR, STOP_FAR)
     stays_in = now == first or radii[now - 1] > users.seen[far, user]
@@ -165,7 +159,7 @@ def _keeps_away(
 def _stays(
     piece: Relative,
     span_s: float,
-    radii: Radii,
+    radii: NDArray[np.float64],
     circles: tuple[int, int],
     now: int,
 ) -> bool:
@@ -176,13 +170,17 @@ def _stays(
 
 
 @part
-def _enters(x: float, y: float, radii: Radii, stop: int, now: int, graze: float) -> bool:
+def _enters(
+    x: float, y: float, radii: NDArray[np.float64], stop: int, now: int, graze: float
+) -> bool:
     """Return whether a user is within the next narrower circle."""
     return now < stop and _passes(beyond(x, y, radii[now]), radii[now], graze, True)
 
 
 @part
-def _leaves(x: float, y: float, radii: Radii, first: int, now: int, graze: float) -> bool:
+def _leaves(
+    x: float, y: float, radii: NDArray[np.float64], first: int, now: int, graze: float
+) -> bool:
     """Return whether a user is outside the narrowest circle that was around it."""
     return now > first and _passes(beyond(x, y, radii[now - 1]), radii[now - 1], graze, False)
 

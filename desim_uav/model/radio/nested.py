@@ -1,7 +1,7 @@
 """When a user passes from one class of a link to another while the drone keeps its altitude.
 
 At one altitude each class holds within a circle around the drone, so a class changes where the user
-crosses a circle (``model.radio.circles``).
+crosses a circle. Each circle is crossed as the footprint's edge is (``model.geometry.crossings``).
 """
 
 from __future__ import annotations
@@ -85,8 +85,7 @@ def class_changes(
     total = 0
     for k in range(sift(users, radii_m, radii_m, groups, leg.fresh)):
         user, first, stop = sifted(seen, k)
-        radii = radii_m[groups[user]]
-        total = cross_rings(leg, users, user, radii, first, stop, True, out, total)
+        total = cross_rings(leg, users, user, radii_m[groups[user]], first, stop, out, total)
     return total
 
 
