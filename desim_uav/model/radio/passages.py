@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from desim_uav.model.geometry.relative import beyond, write
 from desim_uav.rowcode.kernels import part
 
-Radii = NDArray[np.float64] | tuple[float]
-"""The radii of circles, the widest first."""
-
 
 class Passage(NamedTuple):
     """The number of circles around a user ``now``, and what was noted last.
@@ -36,7 +33,7 @@ class Passage(NamedTuple):
 def begin_passages(
     user: int,
     away: tuple[float, float],
-    radii: Radii,
+    radii: NDArray[np.float64],
     circles: tuple[int, int],
     begin: tuple[int, bool],
     out: NDArray[np.int64],
