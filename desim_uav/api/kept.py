@@ -72,7 +72,7 @@ class InMemory:
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """What the run says of itself."""
+        """The contents of manifest.json."""
         return self.recorded.manifest
 
     @property

@@ -16,14 +16,25 @@ from desim_uav.sky.separation import most_turns
 from desim_uav.world import World
 
 
+def most_loose(users: int, senders: int) -> int:
+    """Return the most entries that the queue of loose users can have in an instant."""
+    return users * (2 * senders + 2)
+
+
 class Buffers(NamedTuple):
     """The number of entries for which queues in compiled code have memory.
 
-    ``log`` limits the events, and the closed requests, of a step; ``crossings`` those of a leg.
+    ``log`` limits the events, and the closed requests, of a step; ``crossings`` those of a leg; and
+    ``loose`` the users who become loose in an instant.
     """
 
     log: int = 0
     crossings: int = 0
+    loose: int = 0
+
+    def doubled(self) -> Buffers:
+        """Return twice as many of each."""
+        return Buffers(*(2 * number for number in self))
 
 
 S = TypeVar("S", bound=rows.State)
@@ -55,7 +66,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
         station.queue.buffer = drones
-    state.loose.buffer = min(users * (2 * senders + 2), 4 * buffers.crossings)
+    state.loose.buffer = min(most_loose(users, senders), buffers.loose)
     state.by_level = int(scenario.association.by_level)
     state.renews = int(world.by_event and len(scenario.access_points) > 0)
     state.unsettled.buffer = users
@@ -93,7 +104,7 @@ def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     drone.mode = words.FLYING
     set_course(drone, world)
     drone.waiting.buffer = len(world.homes)
-    drone.sharing.buffer = len(world.homes) * world.links[0].radio.sharing.divides
+    drone.sharing.buffer = len(world.homes) * world.links[drone.radio].radio.sharing.divides
     drone.ahead = Queue(of=rows.Change, buffer=buffers.crossings)
     services = len(world.services.names)
     drone.served, drone.asking = _zeros(services), _zeros(services)

@@ -395,7 +395,7 @@ def test_forks_are_what_copies_are():
 
 def test_forks_without_room_are_taken_anew():
     engine, forks, _ = forked(world_of(FAST), 3)
-    engine.buffers, engine.leg_buffer = Buffers(0, 8), 16
+    engine.buffers, engine.leg_buffer = Buffers(0, 8, 8), 16
     saved = engine.save()
     engine._make_room()
     engine._take_rows(saved.rows)

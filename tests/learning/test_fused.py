@@ -229,6 +229,14 @@ def test_there_is_room_for_users_who_cross_many_rings_in_a_leg():
         assert_same(one, other)
 
 
+def test_there_is_room_for_all_users_in_the_footprints_of_many_drones_at_once():
+    drones = ["drones.count=20", f"drones.start_cells={[[5, 5]] * 20}"]
+    scenario = load(scenario_path("case8"), [*drones, "drones.footprint_radius_m=20000"])
+    training = Training(build_world(scenario, 0), 0, "batch")
+    assert training.fuses
+    assert len(training.play(1)) == 20
+
+
 def test_a_leg_with_more_crossings_than_there_is_room_for_is_told(monkeypatch: pytest.MonkeyPatch):
     """Nothing is learned from an episode that was not simulated whole."""
     monkeypatch.setattr(simulation, "CROSSINGS_A_USER", 0)

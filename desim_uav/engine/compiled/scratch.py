@@ -37,18 +37,22 @@ class _OfThread(threading.local):
 
 
 _own = _OfThread()
+_one_at_a_time = threading.Lock()
 
 
 def need(state: State) -> None:
     """Let all scratch suffice for a state, from the next calls of kernels on."""
-    _OfThread.most = max(_OfThread.most, state.sky.scratch_words)
+    with _one_at_a_time:  # two threads may make engines at the same time
+        _OfThread.most = max(_OfThread.most, state.sky.scratch_words)
 
 
 def scratch() -> int:
     """Return the address of the scratch of this thread, for the call of a kernel."""
     if len(_own.blocks[-1]) < _OfThread.most:
         block: Words = np.zeros(2 * _OfThread.most, np.int64)
-        _own.blocks.append(block)  # the smaller ones stay, for who still knows their addresses
+        _own.blocks.append(
+            block
+        )  # the smaller ones stay, because states may still have their addresses
         _own.address = place(block)
     return _own.address
 

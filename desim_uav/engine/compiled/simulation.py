@@ -23,7 +23,7 @@ from desim_uav.engine.compiled.scratch import need, scratch
 from desim_uav.engine.courses import aims_of
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, copied, write
-from desim_uav.engine.state import Buffers
+from desim_uav.engine.state import Buffers, most_loose
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.mobility.walking import walking_of
 from desim_uav.model.mobility.walks import misstep
@@ -68,7 +68,7 @@ class BatchSimulation(Engine):
         self.fixed = pack(world, settings)
         users = len(world.homes)
         crossings = _most_crossings(world) // (1 if world.graded else FEW)
-        self.buffers = Buffers(BUFFER + REQUESTS_A_USER * users, crossings)
+        self.buffers = Buffers(BUFFER + REQUESTS_A_USER * users, crossings, 4 * crossings)
         self.leg_buffer = legs_of_step(world)
         self._make_room()
 
@@ -94,10 +94,12 @@ class BatchSimulation(Engine):
     def make_room_at_once(self) -> None:
         """Enlarge the buffers, also by the number of classes, for who cannot repeat an episode.
 
+        There is memory for all users who can become loose in an instant.
         It must be called before the first episode.
         """
         rings = max(len(links.efficiencies) - 1 for links in self.world.links)
-        self.buffers = Buffers(self.buffers.log, rings * _most_crossings(self.world))
+        loose = most_loose(len(self.world.homes), len(self.state.senders))
+        self.buffers = Buffers(self.buffers.log, rings * _most_crossings(self.world), loose)
         if rings > 1:
             self.leg_buffer *= 2
         self._make_room()
@@ -275,7 +277,7 @@ class BatchSimulation(Engine):
     def enlarge(self) -> None:
         """Double the buffers, and keep the present state."""
         saved = self.save()
-        self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
+        self.buffers = self.buffers.doubled()
         self.leg_buffer *= 2
         self._make_room()
         self._resume(saved.rows)
@@ -339,7 +341,7 @@ class BatchSimulation(Engine):
             heard = self.state.history.reshape(-1, len(self.drones))[: self.state.step].tolist()
             aims = self.state.aims.copy()
             self._before()  # which the memory holds that is given up now
-            self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
+            self.buffers = self.buffers.doubled()
             self.leg_buffer *= 2
             self._make_room()
             # Of the steps that follow only the last one can have run out of memory.

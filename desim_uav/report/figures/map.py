@@ -99,7 +99,7 @@ def draw_points(axes: Axes, world: World) -> None:
 
 
 def draw_rings(
-    axes: Axes, at_m: Sequence[float], radii_m: NDArray[np.float64], colour: object
+    axes: Axes, at_m: Sequence[float], radii_m: NDArray[np.float64], colour: str
 ) -> None:
     """Draw the discs in which links have each class, one above the other."""
     for radius_m in radii_m:

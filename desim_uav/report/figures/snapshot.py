@@ -143,7 +143,7 @@ def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
         )
 
 
-def _draw_footprints(axes: object, moment: Moment, world: World) -> None:
+def _draw_footprints(axes: Axes3D, moment: Moment, world: World) -> None:
     for drone, (x, y, z) in enumerate(moment.drones_m.tolist()):
         if moment.modes[drone] is Mode.FLYING:
             _draw_rings(axes, (x, y), rings_m(world, z, drone), world, drone_look(drone))

@@ -1,4 +1,4 @@
-"""Where a drone is on a leg."""
+"""A helper of tests: the place of a drone at a time of its leg."""
 
 from desim_uav.model.motion.motion import TRAPEZOID, travelled
 
