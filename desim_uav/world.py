@@ -37,6 +37,7 @@ from desim_uav.rowcode.components import works_on_rows
 from desim_uav.scenario import cost, layout
 from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.facts import Pairs, as_html, as_text
+from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.schema import Scenario
 
 
@@ -306,6 +307,12 @@ class World(Unchanging):
     def most_epochs(self) -> int:
         """The largest number of decision epochs in an episode after the first one."""
         return most_epochs(self.scenario)
+
+    @property
+    def processors(self) -> tuple[Processor | None, ...]:
+        """The processors of each type of drones, and then those of each access point."""
+        types = [own.drones.processor for own in self.types]
+        return (*types, *(point.processor for point in self.scenario.access_points))
 
     @cached_property
     def links(self) -> tuple[Links, ...]:

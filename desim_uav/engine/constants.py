@@ -13,7 +13,7 @@ from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import move_of
-from desim_uav.model.services import StageRow
+from desim_uav.model.services import StageRow, Terms
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules.rows import (
@@ -23,13 +23,16 @@ from desim_uav.rules.rows import (
     PieceRow,
     Place,
     PointRow,
+    ProcessorRow,
     RadioRow,
     SpaceRow,
+    TermsRow,
     TransitRow,
     TypeRow,
 )
-from desim_uav.rules.words import CRASHES
+from desim_uav.rules.words import CRASHES, NEVER
 from desim_uav.scenario.cost import expected_requests
+from desim_uav.scenario.processor import Processor
 from desim_uav.world import World
 
 
@@ -122,6 +125,9 @@ def _set_links(constants: Constants, world: World) -> None:
     constants.sharers = scenario.drone_count + sum(point.counts_in_reward for point in points)
     constants.points = Table(fill(PointRow, (*point.at_m, point.height_m)) for point in points)
     constants.radios = Table(map(_radio, world.links))
+    if world.services.has_tasks:
+        constants.processors = Table(map(_processor, world.processors))
+        constants.terms = Table(map(_terms, world.services.terms))
     constants.draws = world.services.draws
     constants.first_stages = Table(world.services.first_stages)
     constants.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)
@@ -137,6 +143,22 @@ def _radio(links: Links) -> RadioRow:
     if radio.graded:
         row.marked = int(radio.marked)
     return row
+
+
+def _processor(processor: Processor | None) -> ProcessorRow:
+    """Return the processor of a drone or access point as a row, without its functions."""
+    row = blank(ProcessorRow)
+    if processor is not None:
+        row.cores, row.clock = processor.cores, processor.clock
+        row.by_deadline = int(processor.sharing.by_deadline)
+        row.on_ground = int(processor.on_ground)
+    return row
+
+
+def _terms(terms: Terms) -> TermsRow:
+    """Return the terms of a service as a row."""
+    deadline_us = NEVER if terms.deadline_us is None else terms.deadline_us
+    return fill(TermsRow, (deadline_us, int(terms.drops), int(terms.restarts)))
 
 
 def whole_hz(bandwidth_hz: float) -> int:

@@ -59,10 +59,14 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
         pieces = most_pieces(world)
         pairs = combinations(range(drones), 2)
         state.pairs = Table(_pair(*both, pieces) for both in pairs)
-    draws = world.services.draws if world.services.several_stages else 0
+    again = world.services.several_stages or world.services.has_tasks
+    draws = world.services.draws if again else 0
     state.users = Table(_user(index, senders, draws) for index in range(users))
     if state.keeps_links:
         state.links = Table(_links(senders) for _ in range(users))
+    state.keeps_tasks = int(world.services.has_tasks)
+    if state.keeps_tasks:
+        state.tasks = Table(blank(rows.Task) for _ in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
         station.queue.buffer = drones
@@ -105,6 +109,7 @@ def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     set_course(drone, world)
     drone.waiting.buffer = len(world.homes)
     drone.sharing.buffer = len(world.homes) * world.links[drone.radio].radio.sharing.divides
+    drone.computing.buffer = len(world.homes) * world.services.computes
     drone.ahead = Queue(of=rows.Change, buffer=buffers.crossings)
     services = len(world.services.names)
     drone.served, drone.asking = _zeros(services), _zeros(services)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
@@ -27,13 +27,17 @@ then fits in 64 bits."""
 LARGEST_UBIT = 10**18
 """The largest volume of a service in millionths of a bit, which is 1e6 Mbit."""
 
-LINK = "link"
-RESOURCES = (LINK,)
-"""The resources of stages: the link of a user to the drone or access point it is attached to."""
+UBIT_PER_BIT = 10**6
+"""The millionths of a bit in a bit."""
 
-WAITING, SHARING = range(2)
+LINK, PROCESSOR = "link", "processor"
+RESOURCES = (LINK, PROCESSOR)
+"""The resources of stages: the link of a user to the drone or access point it is attached to, and
+the processor of the one to which it was attached when the stage began."""
+
+WAITING, SHARING, COMPUTING = range(3)
 """The lines of a drone in which requests stand, by what their stages need: a rate that is held, for
-which they wait until it fits, or what is left of the bandwidth, which they share."""
+which they wait until it fits, what is left of the bandwidth, which they share, or its processor."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +45,11 @@ class Stage:
     """A part of a service: an amount of a resource, which is needed before the next stage begins.
 
     Its numbers are drawn from the lists of ``Service.values``, which it names. The amount is a
-    value of ``amount``, times one of ``times`` if this is given, over ``per`` and rounded down; a
-    stage of amount 0 is left out. If it is ``timed``, it is a time in microseconds, else a volume
-    in millionths of a bit. A stage with a ``rate`` in bit/s holds this rate while it is served, and
-    waits until there is bandwidth for it; one without a rate gets what the drones' sharing gives
-    it.
+    value of ``amount``, times one of ``times`` if this is given, times ``scale``, over ``per`` and
+    rounded down; a stage of amount 0 is left out. On a link, it is a time in microseconds if it is
+    ``timed``, else a volume in millionths of a bit. A stage with a ``rate`` in bit/s holds this
+    rate while it is served, and waits until there is bandwidth for it; one without a rate gets what
+    the drones' sharing gives it. On a processor, the amount is in thousandths of a cycle.
     """
 
     amount: str
@@ -54,6 +58,34 @@ class Stage:
     times: str | None = None
     per: int = 1
     resource: str = LINK
+    scale: int = 1
+
+    @property
+    def of_bits(self) -> bool:
+        """Whether the amount is a volume, in millionths of a bit."""
+        return self.resource == LINK and not self.timed
+
+
+class Terms(NamedTuple):
+    """What holds for all requests for a service: a deadline, and what a handover does to them.
+
+    A request is late ``deadline_us`` after it was made (None: never); if it ``drops``, it is closed
+    then. If it ``restarts``, what was sent to one drone is of no use at another one.
+    """
+
+    deadline_us: int | None = None
+    drops: bool = False
+    restarts: bool = False
+
+
+NO_TERMS = Terms()
+"""The terms of services that have no method ``terms``: no deadline, and nothing sent is lost."""
+
+
+def terms_of(service: Any) -> Terms:
+    """Return the terms of a service."""
+    terms: Terms = service.terms() if hasattr(service, "terms") else NO_TERMS
+    return terms
 
 
 class Service(Protocol):
@@ -90,7 +122,8 @@ def amount_of(service: Service, stage: Stage) -> Amount:
         by = values[stage.times]
         least, most = least * int(np.min(by)), most * int(np.max(by))
         mean *= float(np.mean(by))
-    return Amount(least // stage.per, mean / stage.per, most // stage.per)
+    scale, per = stage.scale, stage.per
+    return Amount(least * scale // per, mean * scale / per, most * scale // per)
 
 
 def rates_bps(service: Service, stage: Stage) -> NDArray[np.int64]:
@@ -106,12 +139,17 @@ def largest_bps(service: Service) -> float:
 
 def has_volumes(service: Service) -> bool:
     """Return whether requests for a service ask for a volume in one of their stages."""
-    return not all(stage.timed for stage in service.stages())
+    return any(stage.of_bits for stage in service.stages())
+
+
+def computes(service: Service) -> bool:
+    """Return whether requests for a service need a processor in one of their stages."""
+    return any(stage.resource == PROCESSOR for stage in service.stages())
 
 
 def is_one_time(service: Service) -> bool:
     """Return whether requests for a service ask for one time, for which they hold a rate."""
-    return len(service.stages()) == 1 and not has_volumes(service)
+    return len(service.stages()) == 1 and service.stages()[0].timed
 
 
 def problems_of(service: Any) -> list[str]:
@@ -132,10 +170,13 @@ def problems_of(service: Any) -> list[str]:
             problems.append(
                 f"stages: {number}: resource: {stage.resource!r} must be one of {allowed}"
             )
-        if stage.timed and stage.rate is None:
+        if stage.resource == PROCESSOR and (stage.timed or stage.rate is not None):
+            problems.append(f"stages: {number}: a processor has neither timed nor a rate")
+        elif stage.timed and stage.rate is None:
             problems.append(f"stages: {number}: needs a rate, because its amount is a time")
-        if stage.per < 1:
-            problems.append(f"stages: {number}: per: {stage.per} must be at least 1")
+        for key, factor in (("per", stage.per), ("scale", stage.scale)):
+            if factor < 1:
+                problems.append(f"stages: {number}: {key}: {factor} must be at least 1")
     if (
         not problems
         and len(stages) > 1
@@ -145,8 +186,12 @@ def problems_of(service: Any) -> list[str]:
     return problems
 
 
+def _scaled(numbers: tuple[float, ...], factor: int) -> NDArray[np.int64]:
+    return np.array([round(one * factor) for one in numbers], np.int64)
+
+
 def _bps(kbps: tuple[float, ...]) -> NDArray[np.int64]:
-    return np.array([round(one * 1000) for one in kbps], np.int64)
+    return _scaled(kbps, 1000)
 
 
 @register("service", "uniform_choice")
@@ -204,6 +249,51 @@ class Transfer:
         return (Stage("volume_mbit", rate="bandwidth_kbps" if self.bandwidth_kbps else None),)
 
 
+@register("service", "compute")
+@dataclass(frozen=True)
+class Compute:
+    """A task that a drone computes: its input goes up, its result comes down.
+
+    All values of a list are equally likely, and drawn independently. The number of cycles is the
+    size of the input, in bits, times the cycles per bit.
+    """
+
+    input_mbit: Annotated[tuple[Annotated[float, Ge(1e-6), Le(1e6)], ...], MinLen(1)]
+    """The sizes of the input, in Mbit, rounded to whole bits."""
+    cycles_per_bit: Annotated[tuple[Annotated[float, Ge(0.001), Le(1e12)], ...], MinLen(1)]
+    """The cycles that a bit of the input takes, rounded to thousandths of a cycle."""
+    output_mbit: Annotated[tuple[Annotated[float, Ge(0), Le(1e6)], ...], MinLen(1)] = (0.0,)
+    """The sizes of the result, in Mbit, rounded to whole bits; 0: nothing comes down."""
+    deadline_s: Annotated[float, Ge(1e-6), Le(1e9)] | None = None
+    """A task is late so many seconds after it was made; null means never."""
+    on_deadline: Literal["count", "drop"] = "count"
+    """What happens to late tasks: they go on, or are closed at that instant."""
+    handover: Literal["resume", "restart"] = "resume"
+    """Whether bits that were sent to one drone count at another one, or are sent anew."""
+
+    def values(self) -> dict[str, NDArray[np.int64]]:
+        """Return the sizes in bits, and the cycles per bit in thousandths."""
+        return {
+            "input_mbit": _scaled(self.input_mbit, 10**6),
+            "cycles_per_bit": _scaled(self.cycles_per_bit, 1000),
+            "output_mbit": _scaled(self.output_mbit, 10**6),
+        }
+
+    def stages(self) -> tuple[Stage, ...]:
+        """Return the stages: the link up, the processor and, with a result, the link down."""
+        task = (
+            Stage("input_mbit", scale=UBIT_PER_BIT),
+            Stage("input_mbit", times="cycles_per_bit", resource=PROCESSOR),
+        )
+        down = (Stage("output_mbit", scale=UBIT_PER_BIT),)
+        return task + down if any(self.output_mbit) else task
+
+    def terms(self) -> Terms:
+        """Return the deadline, and what a handover does."""
+        deadline_us = None if self.deadline_s is None else round(self.deadline_s * US)
+        return Terms(deadline_us, self.on_deadline == "drop", self.handover == "restart")
+
+
 PAPER: dict[str, Service] = {
     "throughput": UniformChoice((1, 2, 3, 4, 5, 6), (96, 160, 200, 320, 750, 1000, 2500)),
     "edge_computing": UniformChoice((3,), (10, 20, 30, 40, 50)),
@@ -231,6 +321,7 @@ class StageRow(Row):
     times: int
     per: int
     rate: int
+    scale: int
 
 
 @rule
@@ -239,6 +330,8 @@ def drawn_amount(stage: StageRow, values: Any, first: int) -> int:
     amount: int = values[first + stage.amount]
     if stage.times >= 0:
         amount = amount * values[first + stage.times]
+    if stage.scale > 1:
+        amount = amount * stage.scale
     if stage.per > 1:  # a division takes as long as the rest
         amount = amount // stage.per
     return amount
@@ -261,6 +354,7 @@ class Catalogue:
     least: NDArray[np.int64]
     most: NDArray[np.int64]
     stages: tuple[tuple[tuple[int, ...], ...], ...]
+    terms: tuple[Terms, ...]
 
     @property
     def draws(self) -> int:
@@ -270,7 +364,19 @@ class Catalogue:
     @property
     def has_volumes(self) -> tuple[bool, ...]:
         """Whether requests for each service ask for a volume in one of their stages."""
-        return tuple(not all(timed for _, timed, *_ in own) for own in self.stages)
+        return tuple(
+            any(line != COMPUTING and not timed for line, timed, *_ in own) for own in self.stages
+        )
+
+    @property
+    def has_tasks(self) -> bool:
+        """Whether a request can need a processor, have a deadline, or lose what it has sent."""
+        return self.computes or any(terms != NO_TERMS for terms in self.terms)
+
+    @property
+    def computes(self) -> bool:
+        """Whether a request can need a processor."""
+        return any(line == COMPUTING for own in self.stages for line, *_ in own)
 
     @property
     def several_stages(self) -> bool:
@@ -300,12 +406,14 @@ def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Cata
     stages = tuple(_stage_rows(service) for service in services.values())
     least, most = np.zeros_like(sizes), np.full_like(sizes, MOST_BPS)
     for s, rows in enumerate(stages):
-        for _, _, amount, times, _, _ in rows:
+        for _, _, amount, *_ in rows:
             least[s, amount] = len(rows) == 1
             most[s, amount] = MOST_REQUIRED
-            if times >= 0:
-                most[s, [amount, times]] = values[s, [amount, times]].max(axis=1)
-    return Catalogue(names, share, sizes, values, least, most, stages)
+        for _, _, amount, times, *_, scale in rows:
+            multiplied = [amount, times] if times >= 0 else [amount] * (scale > 1)
+            most[s, multiplied] = values[s, multiplied].max(axis=1)
+    terms = tuple(map(terms_of, services.values()))
+    return Catalogue(names, share, sizes, values, least, most, stages, terms)
 
 
 def _stage_rows(service: Service) -> tuple[tuple[int, ...], ...]:
@@ -314,12 +422,20 @@ def _stage_rows(service: Service) -> tuple[tuple[int, ...], ...]:
     number[""] = -1
     return tuple(
         (
-            SHARING if stage.rate is None else WAITING,
+            _line(stage),
             int(stage.timed),
             number[stage.amount],
             number[stage.times or ""],
             stage.per,
             number[stage.rate or ""],
+            stage.scale,
         )
         for stage in service.stages()
     )
+
+
+def _line(stage: Stage) -> int:
+    """Return the line in which requests stand in a stage."""
+    if stage.resource == PROCESSOR:
+        return COMPUTING
+    return SHARING if stage.rate is None else WAITING

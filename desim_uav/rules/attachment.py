@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.services import SHARING
+from desim_uav.model.services import COMPUTING, SHARING
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.links import count_handover, unsettle
 from desim_uav.rules.note import note
@@ -32,18 +32,19 @@ def attach(world: Constants, state: State, drone: Drone, user: User, phase: int)
 
 @rule
 def detach(state: State, drone: Drone, user: User, phase: int) -> None:
-    """Detach a user from its drone, which stops serving it.
+    """Detach a user from its drone, which stops serving it; a task at a processor goes on there.
 
     A user whom other drones still cover becomes loose: ``settle`` attaches it to one of them.
     """
     if user.request.number >= 0:
         count_attached(state, user)
-        served = user.request.server >= 0
-        if served:
-            stop(state, user, phase)
-        leave(drone, user)
-        if served or user.request.line == SHARING:
-            scan_if_used(state, drone)
+        if user.request.line != COMPUTING:
+            served = user.request.server >= 0
+            if served:
+                stop(state, user, phase)
+            leave(drone, user)
+            if served or user.request.line == SHARING:
+                scan_if_used(state, drone)
     state.attached_us += state.now_us - user.held_since_us
     state.attached_from_us -= user.held_since_us
     user.holder = -1

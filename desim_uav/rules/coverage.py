@@ -5,6 +5,7 @@ from __future__ import annotations
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.classes import await_next, change_class, foresee, leave
 from desim_uav.rules.due import crossing_slot, undo
+from desim_uav.rules.processing import halt_processor, start_processor
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.settle import settle_after
 from desim_uav.rules.words import ENTRY, EXIT
@@ -20,6 +21,8 @@ def track(
     interfere with one another, classes of links wait for that too.
     """
     drone.until_us = state.now_us + span_us
+    if state.keeps_tasks:
+        start_processor(state, drone)
     if world.reuse > 0:
         drone.serving = 1
         drone.ahead.clear()
@@ -45,6 +48,8 @@ def silence(world: Constants, path: Path, state: State, drone: Drone, phase: int
     if not drone.serving:
         return
     drone.serving = 0
+    if state.keeps_tasks:
+        halt_processor(world, state, drone, phase)
     state.retunes = int(world.reuse > 0)
     drone.ahead.clear()
     undo(state, crossing_slot(state, drone.index))

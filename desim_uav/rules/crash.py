@@ -12,6 +12,7 @@ from desim_uav.rules.epochs import ask_at, asked_after_crash_us
 from desim_uav.rules.flight import appear, count_distance, hover_at, position, stay_at
 from desim_uav.rules.note import note, note_drone, note_leg
 from desim_uav.rules.orientation import orient
+from desim_uav.rules.processing import lose_tasks
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
 
@@ -32,6 +33,8 @@ def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
     drone.waits = drone.hopping = 0
     drone.route = drone.route_end = 0
     undo(state, arrival_slot(state, drone.index))
+    if state.keeps_tasks:
+        lose_tasks(world, state, drone, words.DEPLETION)
     silence(world, path, state, drone, words.DEPLETION)
     state.crashed.append(drone.index)
     state.crashes += 1

@@ -80,7 +80,7 @@ def credit_service(state: State, user: User) -> None:
         request.credited = amount
         credit = state.senders[request.server].credit
         credit.served += share
-        if user.covered == 1:
+        if user.covered == int(user.covering[request.server] >= 0):
             credit.served_alone += share
 
 

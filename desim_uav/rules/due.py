@@ -104,13 +104,22 @@ def renewal_slot(state: State) -> int:
     return separation_slot(state) + 1
 
 
+@rule
+def deadline_slot(state: State, user: int) -> int:
+    """Return the slot for the instant at which a user's task is late."""
+    return renewal_slot(state) + 1 + user
+
+
 def slots(state: State) -> int:
     """Return the number of slots for a state.
 
     Only if users are associated ``by_level`` there are those of ``association_slot``, only if there
-    are pairs of drones that of ``separation_slot``, and only if access points are looked at between
-    two epochs that of ``renewal_slot``, before which there is one for pairs.
+    are pairs of drones that of ``separation_slot``, only if access points are looked at between
+    two epochs that of ``renewal_slot``, and only if there are tasks those of ``deadline_slot``.
+    Those before the last ones that are needed are there too.
     """
+    if state.keeps_tasks:
+        return deadline_slot(state, len(state.users))
     if state.renews:
         return renewal_slot(state) + 1
     return separation_slot(state) + (1 if len(state.pairs) > 0 else 0)

@@ -28,6 +28,7 @@ from desim_uav.rules.separation import begin_pairs, end_pairs
 from desim_uav.rules.service import forget_request
 from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
+from desim_uav.rules.tasks import forget_task
 from desim_uav.rules.walks import look_anew
 from desim_uav.rules.wide import clear
 
@@ -93,6 +94,8 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.marked_until_us = -1
     drone.waiting.clear()
     drone.sharing.clear()
+    drone.computing.clear()
+    drone.computes = 0
     drone.ahead.clear()
     for service in range(world.services):
         drone.served[service] = drone.asking[service] = 0
@@ -153,6 +156,8 @@ def _forget(state: State) -> None:
             d += 1
         if state.keeps_links:
             forget_links(state, user)
+        if state.keeps_tasks:
+            forget_task(state, user)
     nothing_due(state)
 
 
@@ -287,6 +292,7 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
         sender.serving = 0
         sender.waiting.clear()
         sender.sharing.clear()
+        sender.computing.clear()
     for d in range(len(state.drones)):
         drone = state.drones[d]
         count_distance(world, state, drone)

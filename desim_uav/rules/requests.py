@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from desim_uav.rowcode.kernels import rule
+from desim_uav.model.services import COMPUTING
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.note import note, note_stage
-from desim_uav.rules.rows import Constants, Path, State, User
+from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import (
     close,
     foresee_request,
     open_request,
-    scan_later,
     stop,
     wait,
 )
 from desim_uav.rules.settle import settle_after
-from desim_uav.rules.stages import leave, next_stage, progress
+from desim_uav.rules.stages import leave, next_stage, progress, scan_later
+from desim_uav.rules.tasks import arrive
 
 
 @rule
@@ -57,12 +58,36 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
     leave(drone, user)
     if next_stage(world, user.request):
         _begin_stage(state, words.COMPLETION, drone.index, user)
-        wait(world, state, drone, user)
+        if user.request.line == COMPUTING:
+            arrive(world, state, drone, user)
+        elif user.holder == drone.index:
+            wait(world, state, drone, user)
     else:
         close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
-    if len(drone.waiting) > 0 or len(drone.sharing) > 0:
+    _divide_anew(world, path, state, drone)
+
+
+@rule
+def _divide_anew(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """Let a drone divide anew what a request has left, if there are others that might get it."""
+    if len(drone.waiting) > 0 or len(drone.sharing) > 0 or len(drone.computing) > 0:
         scan_later(state, drone)
         settle_after(world, path, state, words.COMPLETION)
+
+
+@rare_rule
+def on_deadline(world: Constants, path: Path, state: State, user: User) -> None:
+    """Close a user's task, which is late, and free what it held."""
+    request, sender = user.request, user.holder
+    if request.line == COMPUTING:
+        sender = state.tasks[user.index].site
+    if request.server >= 0:
+        stop(state, user, words.COMPLETION)
+    if sender >= 0:
+        leave(state.senders[sender], user)
+    close(world, path, state, user, words.COMPLETION, words.ON_LATE)
+    if sender >= 0:
+        _divide_anew(world, path, state, state.senders[sender])
 
 
 @rule

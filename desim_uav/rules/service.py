@@ -9,7 +9,14 @@ from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, count_outage, end_outage
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
-from desim_uav.rules.stages import count_amounts, draw_values, join, progress
+from desim_uav.rules.stages import count_amounts, draw_values, join, progress, scan_later
+from desim_uav.rules.tasks import (
+    close_task,
+    count_task,
+    log_task,
+    open_task,
+    stands_elsewhere,
+)
 from desim_uav.rules.wide import add_product
 
 MILLION = 1_000_000
@@ -17,18 +24,15 @@ MILLION = 1_000_000
 
 @rule
 def wait(world: Constants, state: State, drone: Drone, user: User) -> None:
-    """Let a user's request stand in a drone's line: by the time it was made, then by user."""
+    """Let a user's request stand in a drone's line: by the time it was made, then by user.
+
+    A task may stand at a processor instead, or wait for the link to another drone.
+    """
+    if state.keeps_tasks and stands_elsewhere(world, state, drone, user):
+        return
     user.request.needs_hz = needed_hz(world, drone, user, user.request.bandwidth_bps)
     join(state, drone, user)
     scan_later(state, drone)
-
-
-@rule
-def scan_later(state: State, drone: Drone) -> None:
-    """Let a drone divide its bandwidth anew, among all requests, when this instant is settled."""
-    if not drone.scan:
-        drone.scan = 1
-        state.to_scan += 1
 
 
 @rule
@@ -86,17 +90,35 @@ def give_share(
 
     ``bandwidth_hz`` is the part of the drone's bandwidth that it occupies.
     """
-    request, drone = user.request, state.senders[user.holder]
+    give_rate(world, state, state.senders[user.holder], user, bandwidth_hz, bps, phase)
+
+
+@rule
+def give_rate(
+    world: Constants,
+    state: State,
+    drone: Drone,
+    user: User,
+    bandwidth_hz: int,
+    rate: int,
+    phase: int,
+) -> None:
+    """Let a drone serve a user's request at a rate, or not at all if the rate is 0.
+
+    The rate is in units of the request's stage per microsecond, and ``bandwidth_hz`` is the part of
+    the drone's bandwidth that it occupies.
+    """
+    request = user.request
     if request.server < 0:
-        if bps > 0:
-            request.used_hz, request.rate = bandwidth_hz, bps
+        if rate > 0:
+            request.used_hz, request.rate = bandwidth_hz, rate
             _begin(world, state, drone, user, phase)
-    elif bps == 0:
+    elif rate == 0:
         stop(state, user, phase)
-    elif bps != request.rate or bandwidth_hz != request.used_hz:
+    elif rate != request.rate or bandwidth_hz != request.used_hz:
         count_service(state, request)
         drone.used_hz += bandwidth_hz - request.used_hz
-        request.used_hz, request.rate = bandwidth_hz, bps
+        request.used_hz, request.rate = bandwidth_hz, rate
         _await_completion(world, state, user)
 
 
@@ -136,6 +158,8 @@ def count_service(state: State, request: Request) -> None:
     request.served_us += elapsed_us
     request.done = min(request.done + elapsed_us * request.rate, request.required)
     add_product(state.bandwidth_us_hz, elapsed_us, request.used_hz)
+    if state.keeps_tasks:
+        count_task(state, request, elapsed_us)
 
 
 @rule
@@ -250,6 +274,8 @@ def open_request(world: Constants, path: Path, state: State, user: User, number:
     count_asking(state, user, 1)
     if state.keeps_links:
         begin_outage(state, user, words.REQUEST)
+    if state.keeps_tasks:
+        open_task(world, state, user)
 
 
 @rule
@@ -269,6 +295,8 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
     state.open_requests[request.service] -= 1
     count_asking(state, user, -1)
     _log_request(world, state, request)
+    if state.keeps_tasks:
+        close_task(state, user)
     note(state, phase, kind, user.holder, user.index, request.number, -1)
     if state.keeps_links:
         end_outage(state, user, phase)
@@ -327,6 +355,7 @@ def _log_request(world: Constants, state: State, request: Request) -> None:
         closed.t_end_us = state.now_us
         closed.interruptions = request.interruptions
         count_amounts(world, request, closed)
+        log_task(state, request, closed)
 
 
 @rule

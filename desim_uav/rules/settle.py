@@ -84,6 +84,9 @@ def _settle_all(
             if len(drone.sharing) > 0:
                 divide = world.radios[drone.radio].divide
                 call(divide, (world, state, drone, admission))
+            if drone.computes and len(drone.computing) > 0:
+                process = world.processors[drone.radio].process
+                call(process, (world, state, drone, admission))
         d += 1
 
 

@@ -3,12 +3,13 @@
 A request needs an amount in each of its stages, one after the other (see ``model.services.Stage``).
 What it has in its present stage (``required``, ``done``, ``rate``, …) begins anew with each one. A
 stage stands in a line of the drone to which its user is attached: in ``waiting`` until the rate
-that it holds is admitted, or in ``sharing`` until it ends.
+that it holds is admitted, or in ``sharing`` until it ends. One that needs a processor stands in
+``computing`` (see ``rules.tasks``).
 """
 
 from __future__ import annotations
 
-from desim_uav.model.services import SHARING, drawn_amount
+from desim_uav.model.services import COMPUTING, SHARING, WAITING, drawn_amount
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.rows import Queue, Table
 from desim_uav.rules.rows import Closed, Constants, Drone, Path, Request, State, User
@@ -23,8 +24,21 @@ def draw_values(world: Constants, path: Path, request: Request, number: int) -> 
     first = number * world.draws
     for k in range(len(request.drawn)):
         request.drawn[k] = path.drawn[first + k]
-    request.stages = world.first_stages[request.service + 1] - world.first_stages[request.service]
+    request.stages = count_stages(world, request)
     return _begin_stage(world, request, path.drawn, first, 0)
+
+
+@rule
+def count_stages(world: Constants, request: Request) -> int:
+    """Return how many stages the service of a request has."""
+    return world.first_stages[request.service + 1] - world.first_stages[request.service]
+
+
+@rule
+def begin_anew(world: Constants, request: Request) -> None:
+    """Let a request, of which all is lost, begin its first stage again."""
+    request.stages = count_stages(world, request)
+    _begin_stage(world, request, request.drawn, 0, 0)
 
 
 @rule
@@ -72,9 +86,9 @@ def progress(request: Request, amount: int) -> float:
 def count_amounts(world: Constants, request: Request, closed: Closed) -> None:
     """Write what a request needed in all of its stages, and what volume it has got, into the log.
 
-    They are sums over the stages that are measured in time, and over those in bits.
+    They are sums over the stages that are measured in time, in bits, and in cycles.
     """
-    closed.asked_us = closed.asked_ubit = closed.sent_ubit = 0
+    closed.asked_us = closed.asked_ubit = closed.sent_ubit = closed.asked_cycles = 0
     for k in range(request.stages):
         stage = world.stages[world.first_stages[request.service] + k]
         amount = request.required
@@ -82,6 +96,8 @@ def count_amounts(world: Constants, request: Request, closed: Closed) -> None:
             amount = drawn_amount(stage, request.drawn, 0)
         if stage.timed:
             closed.asked_us += amount
+        elif stage.line == COMPUTING:
+            closed.asked_cycles += amount
         else:
             closed.asked_ubit += amount
             if k < request.stage:
@@ -91,8 +107,16 @@ def count_amounts(world: Constants, request: Request, closed: Closed) -> None:
 
 
 @rule
+def scan_later(state: State, drone: Drone) -> None:
+    """Let a drone divide its bandwidth and its processor anew when this instant is settled."""
+    if not drone.scan:
+        drone.scan = 1
+        state.to_scan += 1
+
+
+@rule
 def join(state: State, drone: Drone, user: User) -> None:
-    """Let a user's request stand in the line of a drone that its stage needs."""
+    """Let a user's request stand in the line of a drone's link that its stage needs."""
     user.request.queued = 1
     if user.request.line == SHARING:
         _insert(state, drone.sharing, user)
@@ -107,8 +131,10 @@ def leave(drone: Drone, user: User) -> None:
         user.request.queued = 0
         if user.request.line == SHARING:
             drone.sharing.remove(user.index)
-        else:
+        elif user.request.line == WAITING:
             drone.waiting.remove(user.index)
+        else:
+            drone.computing.remove(user.index)
 
 
 @rule

@@ -45,7 +45,7 @@ EVENT_KINDS = (
     *("deplete", "crash", "respawn"),
     *("class", "handover", "ping_pong", "outage", "outage_end"),
     *("conflict", "clear"),
-    "stage",
+    *("stage", "late"),
 )
 """The names of the kinds of events by number; the next number, ON_LEG, is for ``note_leg``."""
 
@@ -88,6 +88,7 @@ LEADS_TO = {
     ON_CONFLICT,
     ON_CLEAR,
     ON_STAGE,
+    ON_LATE,
     ON_LEG,
 ) = range(len(EVENT_KINDS) + 1)
 

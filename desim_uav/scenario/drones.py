@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, ClassVar, cast
 
 from pydantic import (
     Field,
@@ -18,6 +18,7 @@ from desim_uav.model.radio.radio import Disc, Radio
 from desim_uav.rules.admission import FirstCome
 from desim_uav.scenario.components import errors, strictly
 from desim_uav.scenario.fields import Index, Metres, Name
+from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.section import Section
 from desim_uav.scenario.slots import ADMISSION, BATTERY, MOTION, RADIO
 from desim_uav.scenario.yaml12 import KeyPath
@@ -28,6 +29,8 @@ MOST_DRONES, MOST_TYPES = 10_000, 100
 
 class Drones(Section):
     """The drones: how many, what they cover and carry, how they fly."""
+
+    later: ClassVar = ("processor",)
 
     count: Annotated[int, Field(ge=1, le=MOST_DRONES)] = 3
     """The number of drones."""
@@ -47,6 +50,8 @@ class Drones(Section):
     """The battery and its energy model; null means an unlimited battery."""
     admission: Annotated[Admission, ADMISSION] = FirstCome()
     """Which of the waiting requests a drone serves."""
+    processor: Processor | None = None
+    """What computes tasks on board; null means nothing does."""
 
     @model_validator(mode="after")
     def _radio_decides(self) -> Drones:

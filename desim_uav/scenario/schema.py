@@ -38,6 +38,7 @@ from desim_uav.scenario.fields import (
 )
 from desim_uav.scenario.learning import Learning
 from desim_uav.scenario.map import SIDE_M, Map
+from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.section import Fraction, Section
 from desim_uav.scenario.slots import (
     ASSOCIATION,
@@ -148,6 +149,8 @@ class EpisodeKeys(Section):
 class AccessPoint(Section):
     """A mast on the ground that serves users as a drone does, at one place and for ever."""
 
+    later: ClassVar = ("processor",)
+
     at_m: Point
     """Where it stands: [x, y], in metres."""
     height_m: Height
@@ -158,6 +161,8 @@ class AccessPoint(Section):
     """How it reaches users: `kind: link_classes`, which is the default here."""
     counts_in_reward: bool = False
     """Whether it counts as one more drone where rewards divide the users among the drones."""
+    processor: Processor | None = None
+    """What computes tasks at it; null means nothing does."""
 
 
 class Scenario(Section):

@@ -15,6 +15,7 @@ from desim_uav.model.energy.battery import RowEnergy
 from desim_uav.model.energy.charging import RowCharging
 from desim_uav.model.mobility.walking import WALK, RowMobility
 from desim_uav.model.observations import RowObservation
+from desim_uav.model.processing import RowProcessing
 from desim_uav.model.radio.chances import P_LOS
 from desim_uav.model.radio.levels import BOUNDS, LEVEL
 from desim_uav.model.radio.path_loss import RowPathLoss
@@ -35,6 +36,7 @@ from desim_uav.rowcode.components import (
 from desim_uav.rowcode.views import View
 from desim_uav.rules.rewards import add_up, clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow
+from desim_uav.scenario.processor import Processor
 from desim_uav.world import World
 
 
@@ -126,10 +128,22 @@ def _divide(cls: type[RowSharing], values_at: ValuesAt) -> Any:
     return divide
 
 
+def _process(cls: type[RowProcessing], values_at: ValuesAt) -> Any:
+    """Return the function ``process`` of a class of processing."""
+    method = ruled(cls.process)
+
+    def process(world: Constants, state: State, drone: Drone, phase: int) -> None:
+        own = values_at(world.processors[drone.radio].processing_values)
+        method(own, world, state, drone, phase)
+
+    return process
+
+
 class FunctionSlot(NamedTuple):
     """A kind of component: its key in a scenario, the base of its classes, and its functions.
 
-    ``chosen`` returns the component of a world, of a type of drones, or of the links of a radio.
+    ``chosen`` returns the component of a world, of a type of drones, of the links of a radio, or of
+    a processor.
     The addresses of its functions are stored in the fields of the row that have their names, and
     the address of its values in the field ``values``. If ``required``, the compiled engine cannot
     run a component that is not compiled.
@@ -213,6 +227,17 @@ RADIO_SLOTS = (
 )
 """The components of a radio; the key of each follows that of the radio."""
 
+PROCESSOR_SLOTS = (
+    FunctionSlot(
+        "processor.sharing",
+        RowProcessing,
+        lambda processor: processor and processor.sharing,
+        "processing_values",
+        (Function("process", _process, (Constants, State, Drone, int)),),
+    ),
+)
+"""The components of a processor; the key of each follows that of its drones or access point."""
+
 LOSS_SLOTS = (
     FunctionSlot(
         "path_loss",
@@ -242,7 +267,7 @@ def why_not_compiled(slot: FunctionSlot, component: Any, services: tuple[str, ..
 
 
 def components_of(
-    slots: tuple[FunctionSlot, ...], chooser: World | DroneType | Links
+    slots: tuple[FunctionSlot, ...], chooser: World | DroneType | Links | Processor | None
 ) -> dict[str, Any]:
     """Return the components over rows of a world, a type or links, by their slots' keys."""
     component_of = {slot.key: slot.chosen(chooser) for slot in slots}

@@ -14,7 +14,7 @@ from desim_uav.rules.decide import on_arrival
 from desim_uav.rules.due import key, separation_slot, undo
 from desim_uav.rules.episode import begin, command, end_step, show_first, start_afresh
 from desim_uav.rules.points import on_renewal
-from desim_uav.rules.requests import on_completion, on_request
+from desim_uav.rules.requests import on_completion, on_deadline, on_request
 from desim_uav.rules.rows import Constants, Path, State
 from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
@@ -158,7 +158,9 @@ def _happen_rarely(world: Constants, path: Path, state: State, slot: int, separa
     """Let the event of a slot happen that few scenarios have, counted from the first arrival."""
     if slot == separation:
         on_separation(world, state)
-    elif slot > separation:
+    elif slot == separation + 1:
         on_renewal(world, path, state)
+    elif slot > separation:
+        on_deadline(world, path, state, state.users[slot - separation - 2])
     else:
         on_turn(world, path, state, state.users[slot - 2 * len(state.drones) - 1])

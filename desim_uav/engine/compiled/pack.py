@@ -16,6 +16,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
     LOSS_SLOTS,
+    PROCESSOR_SLOTS,
     RADIO_SLOTS,
     SLOTS,
     TYPE_SLOTS,
@@ -59,6 +60,8 @@ def lacking(world: World) -> list[str]:
         choices += [
             (f"{key}.radio.{slot.key}", slot, slot.chosen(links)) for slot in slots_of_radio
         ]
+    for key, processor in zip(keys, world.processors, strict=True):
+        choices += [(f"{key}.{slot.key}", slot, slot.chosen(processor)) for slot in PROCESSOR_SLOTS]
     for key, slot, component in choices:
         if why := why_not_compiled(slot, component, world.services.names):
             lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
@@ -88,6 +91,8 @@ class Fixed(Unchanging):
     """Those of each type of drones, by the keys of TYPE_SLOTS."""
     radios: tuple[dict[str, Any], ...]
     """Those of each radio, by the keys of RADIO_SLOTS and LOSS_SLOTS."""
+    processors: tuple[dict[str, Any], ...]
+    """Those of each processor, by the keys of PROCESSOR_SLOTS; none if no service needs any."""
     services: tuple[str, ...]
     graded: bool
     in_air: bool
@@ -119,6 +124,7 @@ class Fixed(Unchanging):
             (TYPE_SLOTS, constants.types, self.types),
             (RADIO_SLOTS, constants.radios, self.radios),
             (LOSS_SLOTS, constants.scene.radios, self.radios),
+            (PROCESSOR_SLOTS, constants.processors, self.processors),
         )
         for slots_of, rows, choices in placed:
             for (row, components), slot in product(zip(rows, choices, strict=True), slots_of):
@@ -161,8 +167,10 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
     components = components_of(SLOTS, world)
     types = tuple(components_of(TYPE_SLOTS, own) for own in world.types)
     radios = tuple(components_of((*RADIO_SLOTS, *LOSS_SLOTS), links) for links in world.links)
-    names = world.services.names
-    return Fixed(packed(constants), components, types, radios, names, world.graded, world.in_air)
+    needed = world.processors[: len(constants.processors)]
+    processors = tuple(components_of(PROCESSOR_SLOTS, each) for each in needed)
+    chosen = components, types, radios, processors
+    return Fixed(packed(constants), *chosen, world.services.names, world.graded, world.in_air)
 
 
 def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:

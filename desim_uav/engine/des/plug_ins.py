@@ -15,6 +15,7 @@ from desim_uav.model.energy.charging import RowCharging
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.naming import naming
 from desim_uav.model.observations import RowObservation
+from desim_uav.model.processing import RowProcessing
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sharing import RowSharing
 from desim_uav.model.sums import in_order
@@ -31,10 +32,14 @@ def own_over_rows(world: World) -> bool:
     own = [world.scenario.reward, world.scenario.observation, world.charging]
     own += [part for one in world.scenario.fleet for part in (one.admission, one.battery)]
     own += [links.radio.sharing for links in world.links]
+    own += [processor.sharing for processor in world.processors if processor is not None]
     return any(isinstance(one, ROW_BASES) and owner_of(type(one)) for one in own)
 
 
-ROW_BASES = (RowReward, RowObservation, RowCharging, RowAdmission, RowEnergy, RowSharing)
+ROW_BASES = (
+    *(RowReward, RowObservation, RowCharging, RowAdmission, RowEnergy),
+    *(RowProcessing, RowSharing),
+)
 
 
 def _method(component: object, name: str, world: World) -> Callable[..., Any]:
@@ -59,6 +64,9 @@ def set_components(constants: Any, world: World) -> None:
             own.drain_of, own.lasts_us = _energy(drones.battery, world, flights)
     for radio, links in zip(constants.radios, world.links, strict=True):
         radio.divide = _method(links.radio.sharing, "divide", world)
+    for processor, own in zip(constants.processors, world.processors, strict=False):
+        if own is not None:
+            processor.process = _method(own.sharing, "process", world)
     constants.pay = _pay(world)
     constants.describe = _describe(world)
     if constants.limited:

@@ -14,7 +14,7 @@ from desim_uav.rules.crash import crash
 from desim_uav.rules.decide import obey, on_arrival
 from desim_uav.rules.flight import station_under
 from desim_uav.rules.points import on_renewal
-from desim_uav.rules.requests import on_completion, on_request
+from desim_uav.rules.requests import on_completion, on_deadline, on_request
 from desim_uav.rules.rows import Drone, User
 from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
@@ -46,6 +46,8 @@ class Processes:
             self.clock.process(self.service(user))
             if self.state.by_level:
                 self.clock.process(self.levels(user))
+            if self.state.keeps_tasks:
+                self.clock.process(self.deadline(user))
         self.clock.process(self.step())
         self.clock.process(self.attachment())
         if self.state.pairs:
@@ -128,6 +130,13 @@ class Processes:
         while True:
             yield from self.until(slot)
             on_turn(self.world, self.path, self.state, user)
+
+    def deadline(self, user: User) -> Process:
+        """Close each of the user's tasks that is not done in time."""
+        slot = due.deadline_slot(self.state, user.index)
+        while True:
+            yield from self.until(slot)
+            on_deadline(self.world, self.path, self.state, user)
 
     def step(self) -> Process:
         """Attach users and admit requests once all drones have begun what they are told."""

@@ -14,7 +14,7 @@ from desim_uav.errors import SimulationError
 from desim_uav.model.demand.requests import DRAWN, DUE_US, SERVICE, ManyRequests, Requests
 from desim_uav.model.naming import naming
 from desim_uav.model.random.streams import Stream, Streams, begin_stream, uniform
-from desim_uav.model.services import Catalogue, StageRow, drawn_amount
+from desim_uav.model.services import COMPUTING, Catalogue, StageRow, drawn_amount
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.compiled_registers import held, put_back
 from desim_uav.rowcode.compiled_rows import pointer_to
@@ -259,7 +259,7 @@ def _least_us(asker: Asker, services: Offer, values: Table[int], first: int) -> 
         some |= amount > 0
         if stage.timed:
             least_us += amount
-        elif services.most_bps > 0:
+        elif stage.line != COMPUTING and services.most_bps > 0:
             least_us += amount // services.most_bps
     return least_us if some else -1
 

@@ -7,7 +7,14 @@ those of user u are ``asks[asks_at[u]:asks_at[u + 1]]``; ``legs_at`` and ``known
 
 from __future__ import annotations
 
-from desim_uav.rules.rows.constants import Constants, PointRow, RadioRow, TypeRow
+from desim_uav.rules.rows.constants import (
+    Constants,
+    PointRow,
+    ProcessorRow,
+    RadioRow,
+    TermsRow,
+    TypeRow,
+)
 from desim_uav.rules.rows.drones import Course, Credit, Drone, ObservationRow, Pair, Station
 from desim_uav.rules.rows.flights import (
     CellRow,
@@ -21,5 +28,5 @@ from desim_uav.rules.rows.flights import (
 from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.sample_path import Ask, Path
 from desim_uav.rules.rows.state import LookRow, State, Wide
-from desim_uav.rules.rows.users import Request, Spot, User, UserLinks
+from desim_uav.rules.rows.users import Request, Spot, Task, User, UserLinks
 from desim_uav.sky.rows import Change, PieceRow, TransitRow

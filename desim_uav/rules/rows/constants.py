@@ -29,6 +29,33 @@ class RadioRow(Row):
 
 
 @row
+class ProcessorRow(Row):
+    """The processor of the sender whose radio has the same number.
+
+    Each of its ``cores`` does ``clock`` thousandths of a cycle in a microsecond. Tasks stand in its
+    line ``by_deadline``, or else by their arrival. It computes ``on_ground`` too, and while the
+    drone returns. ``process`` is a function, or in compiled code its address, and
+    ``processing_values`` is the address of the component's fields.
+    """
+
+    cores: int
+    clock: int
+    by_deadline: int
+    on_ground: int
+    processing_values: int
+    process: int
+
+
+@row
+class TermsRow(Row):
+    """What holds for all requests for a service (see ``services.Terms``; NEVER: no deadline)."""
+
+    deadline_us: int
+    drops: int
+    restarts: int
+
+
+@row
 class PointRow(Row):
     """The position of the antenna of a ground access point, in metres."""
 
@@ -80,8 +107,9 @@ class Constants(Row):
     and, from its number ``first_hop``, its hops in the order of ``model.motion.planner.HOPS``;
     ``Move.transit`` and ``first_hop`` are as if the first type came first of those that fly from
     cell to cell. Types that fly freely have no moves, and do not use them. ``radios`` are those of
-    the types of drones, and then those of the access points ``points``. Rewards divide users among
-    ``sharers``: the drones, and the access points that count. The stages of service s are
+    the types of drones, and then those of the access points ``points``; ``processors`` are theirs
+    in the same order, and ``terms`` those of the services, if there are tasks. Rewards divide users
+    among ``sharers``: the drones, and the access points that count. The stages of service s are
     ``stages`` from number ``first_stages[s]`` on; a request draws ``draws`` values for them.
     ``expected_requests`` is the number of requests of an episode if all are served at once
     (see ``scenario.cost``). Senders of the same index modulo ``reuse`` interfere (0: none do).
@@ -136,6 +164,8 @@ class Constants(Row):
     ceilings: Table[int]
     homes: Table[Place]
     radios: Table[RadioRow]
+    processors: Table[ProcessorRow]
+    terms: Table[TermsRow]
     points: Table[PointRow]
     draws: int
     first_stages: Table[int]

@@ -87,11 +87,12 @@ class Drone(Row):
     ``landed_in`` is the phase in which it landed, ``taken`` the action on its ``command``.
     ``waiting`` is its queue: the users whose requests wait, by (request time, user). ``sharing``
     holds the users whose elastic requests share what requests for a fixed rate leave of the
-    bandwidth (``free_hz``), in the same order. ``ahead`` holds the changes of class to come, the
-    next one last. ``served`` counts the requests that it serves, and ``asking`` the open ones in
-    its footprint, by service. The marks of its links (``model.radio.marks``) are known from
-    ``marked_us`` until ``marked_until_us``, or not at all (-1). ``terms`` are those of its reward;
-    a learner observes ``features``.
+    bandwidth (``free_hz``), in the same order. ``computing`` holds those whose tasks are at its
+    processor, which ``computes`` unless it stands still (see ``rules.processing``). ``ahead`` holds
+    the changes of class to come, the next one last. ``served`` counts the requests that it serves,
+    and ``asking`` the open ones in its footprint, by service. The marks of its links
+    (``model.radio.marks``) are known from ``marked_us`` until ``marked_until_us``, or not at all
+    (-1). ``terms`` are those of its reward; a learner observes ``features``.
     """
 
     index: int
@@ -135,6 +136,8 @@ class Drone(Row):
     marked_until_us: int
     waiting: Queue[int]
     sharing: Queue[int]
+    computing: Queue[int]
+    computes: int
     ahead: Queue[Change]
     served: Table[int]
     asking: Table[int]

@@ -102,6 +102,11 @@ class Closed(Row):
     asked_us: int
     asked_ubit: int
     sent_ubit: int
+    asked_cycles: int
+    deadline_us: int
+    sending_us: int
+    computing_us: int
+    restarts: int
 
 
 @row

@@ -6,7 +6,7 @@ from desim_uav.model.mobility.walks import Walking
 from desim_uav.rowcode.rows import Queue, Row, Table, row
 from desim_uav.rules.rows.drones import Drone, ObservationRow, Pair, Station
 from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
-from desim_uav.rules.rows.users import Spot, User, UserLinks
+from desim_uav.rules.rows.users import Spot, Task, User, UserLinks
 from desim_uav.sky.rows import Sky
 
 
@@ -48,7 +48,8 @@ class State(Row):
     queues have to be scanned. If
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
     the time in outages that have ended, and ``links`` are those of its users; else there are none
-    (see ``rules.links``). If drones have to keep a distance,
+    (see ``rules.links``). If it ``keeps_tasks``, ``tasks`` are those of its users (see
+    ``rules.tasks``). If drones have to keep a distance,
     ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
     ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the least
     distance in the windows that have ended. At
@@ -89,6 +90,7 @@ class State(Row):
     keeps_requests: int
     keeps_links: int
     keeps_credit: int
+    keeps_tasks: int
     handed_over: int
     ping_pongs: int
     outages: int
@@ -102,6 +104,7 @@ class State(Row):
     pairs: Table[Pair]
     users: Table[User]
     links: Table[UserLinks]
+    tasks: Table[Task]
     stations: Table[Station]
     loose: Queue[int]
     unsettled: Queue[int]

@@ -71,6 +71,23 @@ class User(Row):
 
 
 @row
+class Task(Row):
+    """What is kept of a user's request as a task (see ``rules.tasks``).
+
+    Its processor is that of sender ``site`` (-1: none yet), at which it has arrived at
+    ``arrived_us``. It is late at ``deadline_us``. It has been sent for ``sending_us``, and computed
+    for ``computing_us``, and has begun anew ``restarts`` times because a drone has crashed.
+    """
+
+    site: int
+    arrived_us: int
+    deadline_us: int
+    restarts: int
+    sending_us: int
+    computing_us: int
+
+
+@row
 class UserLinks(Row):
     """What is kept of the links of a user (see ``rules.links``).
 

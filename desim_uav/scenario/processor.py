@@ -1,0 +1,33 @@
+"""What a scenario says of a processor: that of a drone or of an access point."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from desim_uav.model.processing import RowProcessing
+from desim_uav.rules.processing import FirstComeTasks
+from desim_uav.scenario.section import Section
+from desim_uav.scenario.slots import PROCESSING
+
+MOST_GHZ = 1000.0
+"""The largest clock of a core."""
+
+
+class Processor(Section):
+    """A processor, which computes the tasks of services of kind `compute`."""
+
+    cores: Annotated[int, Field(ge=1, le=10_000)] = 1
+    """The number of cores; a task is computed by one core at a time."""
+    ghz: Annotated[float, Field(ge=1e-6, le=MOST_GHZ)] = 1.0
+    """The clock of each core, in GHz."""
+    sharing: Annotated[RowProcessing, PROCESSING] = FirstComeTasks()
+    """How tasks share the cores: first_come, processor_sharing, or earliest_deadline."""
+    on_ground: bool = False
+    """Whether it also computes while its drone returns, queues and charges."""
+
+    @property
+    def clock(self) -> int:
+        """The thousandths of a cycle that a core does in a microsecond."""
+        return round(self.ghz * 1e6)
