@@ -9,11 +9,12 @@ import numpy as np
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.courses import space_row
 from desim_uav.links import Links
+from desim_uav.model.catalogue import StageRow
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import move_of
-from desim_uav.model.services import StageRow, Terms
+from desim_uav.model.services import Terms
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules.rows import (

@@ -260,6 +260,8 @@ class Engine(CarryOver):
             outcome = Outcome.UNFINISHED if closed.served_us else Outcome.NEVER_SERVED
             if closed.done == closed.required:
                 outcome = Outcome.COMPLETED
+            elif closed.dropped:
+                outcome = Outcome.LATE
             drones = self._served_by.pop(closed.request_id, [])
             request = base.ClosedRequest(*AS_CLOSED(closed), drones, outcome)
             served = closed.t_first_us >= 0

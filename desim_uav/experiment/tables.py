@@ -19,7 +19,7 @@ from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import ClosedRequest, EpisodeLog
 from desim_uav.model.energy.battery import WH_UJ
 from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
-from desim_uav.model.rules import US, Mode
+from desim_uav.model.rules import NEVER, US, Mode
 from desim_uav.model.sums import in_order
 from desim_uav.records import (
     AIMED,
@@ -38,6 +38,7 @@ from desim_uav.records import (
     STAGES,
     STEPS,
     STORED,
+    TASKS,
     USERS,
     VOLUMES,
     to_frame,
@@ -52,6 +53,8 @@ DERIVED = (
 )
 UBIT = 10**12
 """The millionths of a bit in a Mbit."""
+MILLICYCLES = 10**12
+"""The thousandths of a cycle in 10^9 cycles."""
 
 
 def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
@@ -59,7 +62,9 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     names = world.services.names
     has_volumes, stages = world.services.has_volumes, world.services.stages
     several = world.services.several_stages
-    columns = REQUESTS.among((*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ())))
+    tasks = world.services.has_tasks
+    more = (*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ()))
+    columns = REQUESTS.among((*more, *(TASKS if tasks else ())))
     basic = {name: dtype for name, dtype in columns.items() if name not in DERIVED}
     rows = (
         (
@@ -79,6 +84,7 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
             r.attached_us / US,
             *_volumes(r, has_volumes[r.service]) * any(has_volumes),
             *_stages(r, len(stages[r.service])) * several,
+            *_task(r) * tasks,
         )
         for log in logs
         for r in log.requests
@@ -98,6 +104,25 @@ def _stages(request: ClosedRequest, count: int) -> tuple[float, ...]:
     if request.done == request.required:
         return count, count, 0.0
     return count, request.stage, request.done / request.required
+
+
+def _task(request: ClosedRequest) -> tuple[Any, ...]:
+    """Return what belongs to a request as a task, in the order of the columns ``TASKS``."""
+    deadline_us, open_us = request.deadline_us, request.t_end_us - request.t_request_us
+    late, deadline_s = None, None if deadline_us == NEVER else deadline_us / US
+    if deadline_us < NEVER and request.done == request.required:
+        late = request.t_end_us > deadline_us
+    elif deadline_us <= request.t_end_us:
+        late = True
+    return (
+        request.asked_cycles / MILLICYCLES,
+        (open_us - request.sending_us - request.computing_us) / US,
+        request.sending_us / US,
+        request.computing_us / US,
+        request.restarts,
+        deadline_s,
+        late,
+    )
 
 
 STEP_VALUES: dict[str, Callable[[Any], Any]] = {

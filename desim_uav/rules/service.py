@@ -294,7 +294,7 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
     state.open_us += now_us
     state.open_requests[request.service] -= 1
     count_asking(state, user, -1)
-    _log_request(world, state, request)
+    _log_request(world, state, request, int(kind == words.ON_LATE))
     if state.keeps_tasks:
         close_task(state, user)
     note(state, phase, kind, user.holder, user.index, request.number, -1)
@@ -337,8 +337,8 @@ def count_attached(state: State, user: User) -> None:
 
 
 @rule
-def _log_request(world: Constants, state: State, request: Request) -> None:
-    """Log a request that is closed now, if requests are logged."""
+def _log_request(world: Constants, state: State, request: Request, dropped: int) -> None:
+    """Log a request that is closed now, if requests are logged; late ones may be ``dropped``."""
     if state.keeps_requests:
         closed = state.closed.added()
         closed.request_id = request.number
@@ -356,6 +356,7 @@ def _log_request(world: Constants, state: State, request: Request) -> None:
         closed.interruptions = request.interruptions
         count_amounts(world, request, closed)
         log_task(state, request, closed)
+        closed.dropped = dropped
 
 
 @rule

@@ -9,7 +9,8 @@ that it holds is admitted, or in ``sharing`` until it ends. One that needs a pro
 
 from __future__ import annotations
 
-from desim_uav.model.services import COMPUTING, SHARING, WAITING, drawn_amount
+from desim_uav.model.catalogue import drawn_amount
+from desim_uav.model.services import COMPUTING, SHARING, WAITING
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.rows import Queue, Table
 from desim_uav.rules.rows import Closed, Constants, Drone, Path, Request, State, User

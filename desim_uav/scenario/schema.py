@@ -373,6 +373,13 @@ class Scenario(Section):
         return 0 if math.isinf(most) else math.ceil(most)
 
     @property
+    def most_clock(self) -> int:
+        """What the fastest core does in a microsecond, in thousandths of a cycle; 0: no core."""
+        processors = [one.processor for one in self.fleet]
+        processors += [one.processor for one in self.access_points]
+        return max((one.clock for one in processors if one is not None), default=0)
+
+    @property
     def limited_battery(self) -> bool:
         """Do some drones have to charge?"""
         return any(drones.battery is not None for drones in self.fleet)

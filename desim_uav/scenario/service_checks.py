@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -10,8 +11,11 @@ from desim_uav.model.services import (
     LARGEST_UBIT,
     MOST_BPS,
     MOST_REQUIRED,
+    PROCESSOR,
     Service,
+    Stage,
     amount_of,
+    computes,
     problems_of,
     rates_bps,
 )
@@ -30,17 +34,47 @@ def stages_can_be_served(scenario: Scenario) -> Iterator[Finding]:
             if not 0 <= np.min(rates) <= np.max(rates) <= MOST_BPS:
                 key = _key_of_list(name, service, stage.rate)
                 yield Finding(key, f"in bit/s, it must be from 0 to {MOST_BPS:,}")
-            limit = MOST_REQUIRED if stage.timed else LARGEST_UBIT
-            unit = "microseconds" if stage.timed else "millionths of a bit"
+            limit, unit = _limit_of(stage)
             lowest = int(len(service.stages()) == 1)
             if not lowest <= least <= most <= limit:
                 key = _key_of_list(name, service, stage.amount)
                 yield Finding(key, f"in {unit}, it must be from {lowest} to {limit:,}")
             elif number:
-                alike = [one for one in service.stages() if one.timed == stage.timed]
+                alike = [one for one in service.stages() if _limit_of(one) == (limit, unit)]
                 total = sum(amount_of(service, one).most for one in alike)
                 if total > limit:
                     yield Finding(path, f"its stages need {total:,} {unit}, above {limit:,}")
+
+
+def _limit_of(stage: Stage) -> tuple[int, str]:
+    """Return the largest amount of a stage, and the unit in which it is measured."""
+    if stage.resource == PROCESSOR:
+        return MOST_REQUIRED, "thousandths of a cycle"
+    if stage.timed:
+        return MOST_REQUIRED, "microseconds"
+    return LARGEST_UBIT, "millionths of a bit"
+
+
+def tasks_find_processors(scenario: Scenario) -> Iterator[Finding]:
+    """Drones and access points without a processor that a service needs, or with one for none."""
+    needing = [
+        name
+        for name, service in scenario.services.items()
+        if not problems_of(service) and computes(service)
+    ]
+    senders: list[tuple[KeyPath, Any]] = list(zip(scenario.fleet_keys, scenario.fleet, strict=True))
+    senders += [(("access_points", k), one) for k, one in enumerate(scenario.access_points)]
+    for key, sender in senders:
+        if needing and sender.processor is None:
+            yield Finding(
+                (*key, "processor"),
+                f"is needed by services.{needing[0]}, for example {{cores: 4, ghz: 2.5}}",
+                (key, ("services", needing[0])),
+            )
+        elif sender.processor is not None and not needing:
+            yield Finding(
+                (*key, "processor"), "computes nothing: no service has tasks (kind: compute)"
+            )
 
 
 def _key_of_list(name: str, service: Service, values: str | None) -> KeyPath:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.catalogue import drawn_amount
 from desim_uav.model.geometry.coverage import all_walked
-from desim_uav.model.services import SHARING, drawn_amount
+from desim_uav.model.services import SHARING
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User

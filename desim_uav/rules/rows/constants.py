@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.services import StageRow
+from desim_uav.model.catalogue import StageRow
 from desim_uav.rowcode.rows import Row, Table, row
 from desim_uav.rules.rows.flights import CellRow, Hop, Move, Place, PlanRow, SpaceRow
 from desim_uav.sky.rows import Change, Scene, TransitRow

@@ -107,6 +107,7 @@ class Closed(Row):
     sending_us: int
     computing_us: int
     restarts: int
+    dropped: int
 
 
 @row
