@@ -32,7 +32,7 @@ AVERAGED = {
 }
 """The measures that are means, each with its column and a factor."""
 
-PARTS = ("waiting_s", "sending_s", "computing_s")
+PARTS = ("waiting_s", "sending_s", "computing_s", "own_s")
 """The parts of the delay of tasks, which are means over those that were completed."""
 
 COUNTED = ("interruptions", "handovers")
@@ -83,7 +83,7 @@ def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float)
         derived["qoe1"] = derived["qoe1"].fillna(delivered / requests["requested_mbit"])
         derived["throughput_kbps"] = 1000 * delivered / open_s.where(open_s > 0)
     if "stages" in requests:
-        several = requests["stages"] > 1
+        several = (requests["stages"] > 1) | derived["qoe1"].isna()
         share = (requests["stages_done"] + requests["stage_done"]) / requests["stages"]
         derived["qoe1"] = share.where(several, derived["qoe1"])
     feasible_s = requests["requested_s"].clip(upper=left_s)

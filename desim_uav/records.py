@@ -73,9 +73,11 @@ STAGES = Columns(
 TASKS = Columns(
     "If a service has tasks, which need a processor or have a deadline:",
     gigacycles=(FLOAT, "The cycles of a processor that the request needs, in 10^9."),
+    offloaded=(FLOAT, "The part of it that is offloaded, from 0 to 1."),
     waiting_s=(FLOAT, "Seconds for which the request was open, but neither sent nor computed."),
     sending_s=(FLOAT, "Seconds for which its input or its result was sent."),
-    computing_s=(FLOAT, "Seconds for which it was computed."),
+    computing_s=(FLOAT, "Seconds for which a drone or an access point computed it."),
+    own_s=(FLOAT, "Seconds for which the user's own processor computed it."),
     restarts=(INT, "How often it began anew because a drone that had received it crashed."),
     deadline_s=(FLOAT, "When the request is late. Null if it has no deadline."),
     late=(

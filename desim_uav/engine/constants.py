@@ -129,6 +129,8 @@ def _set_links(constants: Constants, world: World) -> None:
     if world.services.has_tasks:
         constants.processors = Table(map(_processor, world.processors))
         constants.terms = Table(map(_terms, world.services.terms))
+        own = scenario.users.processor
+        constants.clocks = Table([0 if own is None else own.clock] * len(world.homes))
     constants.draws = world.services.draws
     constants.first_stages = Table(world.services.first_stages)
     constants.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)

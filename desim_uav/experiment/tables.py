@@ -19,7 +19,7 @@ from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import ClosedRequest, EpisodeLog
 from desim_uav.model.energy.battery import WH_UJ
 from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
-from desim_uav.model.rules import NEVER, US, Mode
+from desim_uav.model.rules import NEVER, US, Mode, Outcome
 from desim_uav.model.sums import in_order
 from desim_uav.records import (
     AIMED,
@@ -101,24 +101,32 @@ def _volumes(request: ClosedRequest, has_volumes: bool) -> tuple[float | None, .
 
 def _stages(request: ClosedRequest, count: int) -> tuple[float, ...]:
     """Return the number of stages, how many of them are done, and the share done of the next."""
-    if request.done == request.required:
+    count = count * (request.part > 0.0) + (request.own_us > 0)
+    if request.outcome == Outcome.COMPLETED:
         return count, count, 0.0
-    return count, request.stage, request.done / request.required
+    done = request.own_share
+    if request.part > 0.0:
+        done += request.done / request.required
+    whole = int(done)
+    return count, request.stage + whole, done - whole
 
 
 def _task(request: ClosedRequest) -> tuple[Any, ...]:
     """Return what belongs to a request as a task, in the order of the columns ``TASKS``."""
     deadline_us, open_us = request.deadline_us, request.t_end_us - request.t_request_us
+    completed = request.outcome == Outcome.COMPLETED
     late, deadline_s = None, None if deadline_us == NEVER else deadline_us / US
-    if deadline_us < NEVER and request.done == request.required:
+    if deadline_us < NEVER and completed:
         late = request.t_end_us > deadline_us
     elif deadline_us <= request.t_end_us:
         late = True
     return (
         request.asked_cycles / MILLICYCLES,
-        (open_us - request.sending_us - request.computing_us) / US,
+        request.part,
+        (open_us - request.served_us) / US,
         request.sending_us / US,
         request.computing_us / US,
+        request.own_us / US,
         request.restarts,
         deadline_s,
         late,

@@ -32,9 +32,10 @@ RESOURCES = (LINK, PROCESSOR)
 """The resources of stages: the link of a user to the drone or access point it is attached to, and
 the processor of the one to which it was attached when the stage began."""
 
-WAITING, SHARING, COMPUTING = range(3)
+WAITING, SHARING, COMPUTING, NOWHERE = range(4)
 """The lines of a drone in which requests stand, by what their stages need: a rate that is held, for
-which they wait until it fits, what is left of the bandwidth, which they share, or its processor."""
+which they wait until it fits, what is left of the bandwidth, which they share, or its processor. A
+task of which no part is at a drone, because its user computes it or the rest of it, is in none."""
 
 
 @dataclass(frozen=True)

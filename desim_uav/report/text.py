@@ -66,6 +66,7 @@ TASKS = {
     "waiting_s": ("waiting\ns", ".3f"),
     "sending_s": ("sending\ns", ".3f"),
     "computing_s": ("comp-\nuting s", ".3f"),
+    "own_s": ("own\ns", ".3f"),
     "deadlines_met_percent": ("in time\n%", ".1f"),
     "late": ("drop-\nped", "d"),
     "restarts": ("begun\nanew", "d"),

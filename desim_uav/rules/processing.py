@@ -11,6 +11,7 @@ from desim_uav.rules.note import note_stage
 from desim_uav.rules.rows import Constants, Drone, State
 from desim_uav.rules.service import give_rate, stop, wait
 from desim_uav.rules.stages import begin_anew, leave, scan_later
+from desim_uav.rules.tasks import progress_of
 
 
 @register("processing", "first_come")
@@ -94,10 +95,10 @@ def lose_tasks(world: Constants, state: State, drone: Drone, phase: int) -> None
             if user.request.server >= 0:
                 stop(state, user, phase)
             leave(drone, user)
-            begin_anew(world, user.request)
+            begin_anew(world, user.request, task.part)
             task.site = -1
             task.restarts += 1
-            user.share = 0.0
+            user.share = progress_of(state, user, 0)
             note_stage(state, phase, drone.index, user)
             if user.holder >= 0 and user.holder != drone.index:
                 wait(world, state, state.senders[user.holder], user)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.services import COMPUTING
+from desim_uav.model.services import COMPUTING, NOWHERE
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.note import note, note_stage
@@ -15,8 +15,15 @@ from desim_uav.rules.service import (
     wait,
 )
 from desim_uav.rules.settle import settle_after
-from desim_uav.rules.stages import leave, next_stage, progress, scan_later
-from desim_uav.rules.tasks import arrive
+from desim_uav.rules.stages import leave, next_stage, scan_later
+from desim_uav.rules.tasks import (
+    arrive,
+    computes_alone,
+    end_own,
+    offload,
+    part_offloaded,
+    progress_of,
+)
 
 
 @rule
@@ -42,6 +49,8 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
         return
     open_request(world, path, state, user, number)
     note(state, words.REQUEST, words.ON_REQUEST, -1, user.index, user.request.number, -1)
+    if state.keeps_tasks:
+        offload(world, state, user, words.REQUEST)
     if user.request.stage > 0:
         _begin_stage(state, words.REQUEST, -1, user)
     if user.holder >= 0:
@@ -56,12 +65,14 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
     drone = state.senders[user.request.server]
     stop(state, user, words.COMPLETION)
     leave(drone, user)
-    if next_stage(world, user.request):
+    if next_stage(world, user.request, part_offloaded(state, user)):
         _begin_stage(state, words.COMPLETION, drone.index, user)
         if user.request.line == COMPUTING:
             arrive(world, state, drone, user)
         elif user.holder == drone.index:
             wait(world, state, drone, user)
+    elif state.keeps_tasks and computes_alone(state, user):
+        user.request.line = NOWHERE
     else:
         close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
     _divide_anew(world, path, state, drone)
@@ -90,10 +101,20 @@ def on_deadline(world: Constants, path: Path, state: State, user: User) -> None:
         _divide_anew(world, path, state, state.senders[sender])
 
 
+@rare_rule
+def on_own_completion(world: Constants, path: Path, state: State, user: User) -> None:
+    """End what a user's own processor computes, and complete the task if all of it is done."""
+    end_own(state, user, words.COMPLETION)
+    state.tasks[user.index].own_done = 1
+    if user.request.line == NOWHERE:
+        user.request.done = user.request.required
+        close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
+
+
 @rule
 def _begin_stage(state: State, phase: int, drone: int, user: User) -> None:
     """Count and log that a user's request has passed to a stage, of which nothing is done."""
-    user.share = progress(user.request, 0)
+    user.share = progress_of(state, user, 0)
     note_stage(state, phase, drone, user)
 
 
@@ -120,10 +141,12 @@ def doing(user: User) -> int:
 def done_share(state: State, user: User) -> float:
     """Return which share of a user's open request has been done until now."""
     request = user.request
-    if request.server < 0:
-        return user.share
-    amount = request.done + (state.now_us - request.counted_us) * request.rate
-    return progress(request, min(amount, request.required))
+    if request.server >= 0:
+        amount = request.done + (state.now_us - request.counted_us) * request.rate
+        return progress_of(state, user, min(amount, request.required))
+    if state.keeps_tasks and request.number >= 0:
+        return progress_of(state, user, request.done)
+    return user.share
 
 
 @rule

@@ -15,6 +15,22 @@ MOST_GHZ = 1000.0
 """The largest clock of a core."""
 
 
+class UserProcessor(Section):
+    """The processor of each user, which computes what the user does not offload."""
+
+    ghz: Annotated[float, Field(ge=1e-6, le=MOST_GHZ)] = 1.0
+    """Its clock, in GHz."""
+    kappa: Annotated[float, Field(ge=0, le=1e-15)] = 1e-27
+    """Its effective capacitance in J/Hz^2: a cycle takes kappa times the square of the clock."""
+    transmit_w: Annotated[float, Field(ge=0, le=1000)] = 0.1
+    """The power with which the user sends its input, in W."""
+
+    @property
+    def clock(self) -> int:
+        """The thousandths of a cycle that it does in a microsecond."""
+        return round(self.ghz * 1e6)
+
+
 class Processor(Section):
     """A processor, which computes the tasks of services of kind `compute`."""
 
