@@ -127,7 +127,8 @@ def _set_links(constants: Constants, world: World) -> None:
     constants.points = Table(fill(PointRow, (*point.at_m, point.height_m)) for point in points)
     constants.radios = Table(map(_radio, world.links))
     if world.services.has_tasks:
-        constants.processors = Table(map(_processor, world.processors))
+        in_joules = [own.in_joules for own in world.types] + [False] * len(points)
+        constants.processors = Table(map(_processor, world.processors, in_joules))
         constants.terms = Table(map(_terms, world.services.terms))
         own = scenario.users.processor
         constants.clocks = Table([0 if own is None else own.clock] * len(world.homes))
@@ -148,13 +149,19 @@ def _radio(links: Links) -> RadioRow:
     return row
 
 
-def _processor(processor: Processor | None) -> ProcessorRow:
-    """Return the processor of a drone or access point as a row, without its functions."""
+def _processor(processor: Processor | None, holds_energy: bool) -> ProcessorRow:
+    """Return the processor of a drone or access point as a row, without its functions.
+
+    ``holds_energy`` says that it is supplied by a battery that is measured in microjoules.
+    """
     row = blank(ProcessorRow)
     if processor is not None:
         row.cores, row.clock = processor.cores, processor.clock
         row.by_deadline = int(processor.sharing.by_deadline)
         row.on_ground = int(processor.on_ground)
+        if holds_energy:
+            row.core_uw = round(processor.core_w * 1e6)
+            row.idle_uw = round(processor.electronics_w * 1e6)
     return row
 
 

@@ -6,6 +6,7 @@ from desim_uav.model.services import COMPUTING, NOWHERE
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.note import note, note_stage
+from desim_uav.rules.power import power
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import (
     close,
@@ -65,6 +66,8 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
     drone = state.senders[user.request.server]
     stop(state, user, words.COMPLETION)
     leave(drone, user)
+    if state.keeps_tasks:
+        power(world, state, drone)
     if next_stage(world, user.request, part_offloaded(state, user)):
         _begin_stage(state, words.COMPLETION, drone.index, user)
         if user.request.line == COMPUTING:
@@ -96,6 +99,7 @@ def on_deadline(world: Constants, path: Path, state: State, user: User) -> None:
         stop(state, user, words.COMPLETION)
     if sender >= 0:
         leave(state.senders[sender], user)
+        power(world, state, state.senders[sender])
     close(world, path, state, user, words.COMPLETION, words.ON_LATE)
     if sender >= 0:
         _divide_anew(world, path, state, state.senders[sender])

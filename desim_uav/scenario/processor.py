@@ -42,8 +42,17 @@ class Processor(Section):
     """How tasks share the cores: first_come, processor_sharing, or earliest_deadline."""
     on_ground: bool = False
     """Whether it also computes while its drone returns, queues and charges."""
+    kappa: Annotated[float, Field(ge=0, le=1e-15)] = 1e-28
+    """Its effective capacitance in J/Hz^2: a busy core draws kappa times the cube of the clock."""
+    electronics_w: Annotated[float, Field(ge=0, le=10_000)] = 0.0
+    """What it draws besides, also if it is idle, in W."""
 
     @property
     def clock(self) -> int:
         """The thousandths of a cycle that a core does in a microsecond."""
         return round(self.ghz * 1e6)
+
+    @property
+    def core_w(self) -> float:
+        """The power of a busy core, in W."""
+        return self.kappa * (self.ghz * 1e9) ** 3

@@ -34,14 +34,17 @@ class ProcessorRow(Row):
 
     Each of its ``cores`` does ``clock`` thousandths of a cycle in a microsecond. Tasks stand in its
     line ``by_deadline``, or else by their arrival. It computes ``on_ground`` too, and while the
-    drone returns. ``process`` is a function, or in compiled code its address, and
-    ``processing_values`` is the address of the component's fields.
+    drone returns. A busy core draws ``core_uw``, and the rest ``idle_uw``, in microwatts.
+    ``process`` is a function, or in compiled code its address, and ``processing_values`` is the
+    address of the component's fields.
     """
 
     cores: int
     clock: int
     by_deadline: int
     on_ground: int
+    core_uw: int
+    idle_uw: int
     processing_values: int
     process: int
 
