@@ -87,11 +87,21 @@ TASKS = Columns(
     ),
 )
 
+OWN = Columns(
+    "If users have a processor:",
+    user_j=(
+        FLOAT,
+        "What the user's device used for it, in J: for the cycles that it did itself, and for "
+        "sending the input.",
+    ),
+)
+
 REQUESTS = Columns(
     "One row per request. Every request that was made is there, also if it was never served.",
     VOLUMES,
     STAGES,
     TASKS,
+    OWN,
     episode=_EPISODE,
     request_id=(INT, "The number of the request in its episode, from 0."),
     user=(INT, "The number of the user, from 0."),

@@ -220,7 +220,10 @@ class World(Unchanging):
         demand: Any = self.scenario.demand
         if not works_on_rows(demand, RowDemand):
             return None
-        return RowDraws(demand, self.services, self.horizon_us, self.scenario.most_bps)
+        # What users compute themselves is sent nowhere, so that no rate bounds its time.
+        alone = self.services.computes and self.scenario.offloading.alone
+        most_bps = 0 if alone else self.scenario.most_bps
+        return RowDraws(demand, self.services, self.horizon_us, most_bps)
 
     @cached_property
     def _homes_on_map(self) -> NDArray[np.float64]:

@@ -168,7 +168,7 @@ def _processor(processor: Processor | None, holds_energy: bool) -> ProcessorRow:
 def _terms(terms: Terms) -> TermsRow:
     """Return the terms of a service as a row."""
     deadline_us = NEVER if terms.deadline_us is None else terms.deadline_us
-    return fill(TermsRow, (deadline_us, int(terms.drops), int(terms.restarts)))
+    return fill(TermsRow, (deadline_us, *map(int, terms[1:])))
 
 
 def whole_hz(bandwidth_hz: float) -> int:

@@ -33,6 +33,7 @@ from desim_uav.records import (
     LEGS,
     LINKS,
     OTHERS,
+    OWN,
     POINTS,
     REQUESTS,
     STAGES,
@@ -45,6 +46,7 @@ from desim_uav.records import (
 )
 from desim_uav.report.links import mean_rate_bps
 from desim_uav.sample_path import SamplePath
+from desim_uav.scenario.processor import UserProcessor
 from desim_uav.world import World
 
 DERIVED = (
@@ -64,7 +66,8 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     several = world.services.several_stages
     tasks = world.services.has_tasks
     more = (*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ()))
-    columns = REQUESTS.among((*more, *(TASKS if tasks else ())))
+    own = world.scenario.users.processor
+    columns = REQUESTS.among((*more, *(TASKS if tasks else ()), *(OWN if own else ())))
     basic = {name: dtype for name, dtype in columns.items() if name not in DERIVED}
     rows = (
         (
@@ -85,6 +88,7 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
             *_volumes(r, has_volumes[r.service]) * any(has_volumes),
             *_stages(r, len(stages[r.service])) * several,
             *_task(r) * tasks,
+            *((_user_j(r, own),) if own else ()),
         )
         for log in logs
         for r in log.requests
@@ -131,6 +135,11 @@ def _task(request: ClosedRequest) -> tuple[Any, ...]:
         deadline_s,
         late,
     )
+
+
+def _user_j(request: ClosedRequest, own: UserProcessor) -> float:
+    """Return what a user's device used for a task, in J."""
+    return float(own.busy_w * request.own_us + own.transmit_w * request.uplink_us) / US
 
 
 STEP_VALUES: dict[str, Callable[[Any], Any]] = {

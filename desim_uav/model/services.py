@@ -68,11 +68,13 @@ class Terms(NamedTuple):
     """What holds for all requests for a service: a deadline, and what a handover does to them.
 
     A request is late ``deadline_us`` after it was made (None: never); if it ``drops``, it is closed
-    then. If it ``restarts``, what was sent to one drone is of no use at another one.
+    then, unless it ``stays_begun`` and a processor has begun to compute it. If it ``restarts``,
+    what was sent to one drone is of no use at another one.
     """
 
     deadline_us: int | None = None
     drops: bool = False
+    stays_begun: bool = False
     restarts: bool = False
 
 
@@ -273,7 +275,7 @@ class Compute:
 
     input_mbit: Annotated[tuple[Annotated[float, Ge(1e-6), Le(1e6)], ...], MinLen(1)]
     """The sizes of the input, in Mbit, rounded to whole bits."""
-    cycles_per_bit: Annotated[tuple[Annotated[float, Ge(0.001), Le(1e12)], ...], MinLen(1)]
+    cycles_per_bit: Annotated[tuple[Annotated[float, Ge(0.001), Le(1e9)], ...], MinLen(1)]
     """The cycles that a bit of the input takes, rounded to thousandths of a cycle."""
     output_mbit: Annotated[tuple[Annotated[float, Ge(0), Le(1e6)], ...], MinLen(1)] = (0.0,)
     """The sizes of the result, in Mbit, rounded to whole bits; 0: nothing comes down."""
@@ -281,8 +283,10 @@ class Compute:
     """The rates that a task can hold on its link, in kbit/s: for the sharing `held` only."""
     deadline_s: Annotated[float, Ge(1e-6), Le(1e9)] | None = None
     """A task is late so many seconds after it was made; null means never."""
-    on_deadline: Literal["count", "drop"] = "count"
-    """What happens to late tasks: they go on, or are closed at that instant."""
+    on_deadline: Literal["count", "drop", "leave"] = "count"
+    """What happens to late tasks: they go on (count), are closed at that instant (drop), or are
+    closed if no processor has begun to compute them (leave).
+    """
     handover: Literal["resume", "restart"] = "resume"
     """Whether bits that were sent to one drone count at another one, or are sent anew."""
 
@@ -308,7 +312,8 @@ class Compute:
     def terms(self) -> Terms:
         """Return the deadline, and what a handover does."""
         deadline_us = None if self.deadline_s is None else round(self.deadline_s * US)
-        return Terms(deadline_us, self.on_deadline == "drop", self.handover == "restart")
+        late = self.on_deadline
+        return Terms(deadline_us, late != "count", late == "leave", self.handover == "restart")
 
 
 PAPER: dict[str, Service] = {

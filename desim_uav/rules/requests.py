@@ -21,6 +21,7 @@ from desim_uav.rules.tasks import (
     arrive,
     computes_alone,
     end_own,
+    has_begun,
     offload,
     part_offloaded,
     progress_of,
@@ -91,8 +92,10 @@ def _divide_anew(world: Constants, path: Path, state: State, drone: Drone) -> No
 
 @rare_rule
 def on_deadline(world: Constants, path: Path, state: State, user: User) -> None:
-    """Close a user's task, which is late, and free what it held."""
+    """Close a user's task, which is late, and free what it held, unless it stays."""
     request, sender = user.request, user.holder
+    if world.terms[request.service].stays_begun and has_begun(state, user):
+        return
     if request.line == COMPUTING:
         sender = state.tasks[user.index].site
     if request.server >= 0:

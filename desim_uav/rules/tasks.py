@@ -54,6 +54,14 @@ def close_task(state: State, user: User, phase: int) -> None:
         end_own(state, user, phase)
 
 
+@rule
+def has_begun(state: State, user: User) -> bool:
+    """Return whether a processor has begun to compute a user's task, or a part of it."""
+    task, request = state.tasks[user.index], user.request
+    computes = request.line == COMPUTING and request.server >= 0
+    return computes or task.computing_us > 0 or task.own > 0
+
+
 # ---- offloading
 
 

@@ -16,7 +16,7 @@ from desim_uav.model.demand.demand import Trace as RequestTrace
 from desim_uav.model.geometry.extents import extent_of, like_degrees
 from desim_uav.model.mobility.walks import Area
 from desim_uav.model.rules import US
-from desim_uav.model.services import amount_of, largest_bps, rate_of, terms_of
+from desim_uav.model.services import PROCESSOR, amount_of, computes, largest_bps, rate_of, terms_of
 from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
@@ -168,7 +168,14 @@ def deadlines_can_be_met(scenario: Scenario) -> Iterator[str]:
         if deadline_us is None or not all(rates):
             continue
         amounts = [amount_of(service, stage).least for stage in stages]
-        least_us = sum(-(-one // rate) for one, rate in zip(amounts, rates, strict=True))
+        least_us = sum(one / rate for one, rate in zip(amounts, rates, strict=True))
+        own = scenario.users.processor
+        if scenario.offloading.alone and own is not None and computes(service):
+            cycles = [
+                one for one, at in zip(amounts, stages, strict=True) if at.resource == PROCESSOR
+            ]
+            own_us = sum(cycles) / own.clock
+            least_us *= own_us / (own_us + least_us)  # both do a part at once
         if least_us > deadline_us:
             yield (
                 f"services.{name}: each request is late: its deadline is {deadline_us / US:g} s, "

@@ -30,6 +30,11 @@ class UserProcessor(Section):
         """The thousandths of a cycle that it does in a microsecond."""
         return round(self.ghz * 1e6)
 
+    @property
+    def busy_w(self) -> float:
+        """Its power while it computes, in W."""
+        return self.kappa * (self.ghz * 1e9) ** 3
+
 
 class Processor(Section):
     """A processor, which computes the tasks of services of kind `compute`."""

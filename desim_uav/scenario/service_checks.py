@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.model.energy.battery import in_joules
 from desim_uav.model.services import (
     LARGEST_UBIT,
     MOST_BPS,
@@ -19,6 +20,7 @@ from desim_uav.model.services import (
     problems_of,
     rates_bps,
 )
+from desim_uav.registry import kind_name
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
@@ -55,6 +57,9 @@ def _limit_of(stage: Stage) -> tuple[int, str]:
     return LARGEST_UBIT, "millionths of a bit"
 
 
+_NOTHING = "computes nothing: no service has tasks (kind: compute)"
+
+
 def tasks_find_processors(scenario: Scenario) -> Iterator[Finding]:
     """Drones and access points without a processor that a service needs, or with one for none."""
     needing = [
@@ -72,9 +77,40 @@ def tasks_find_processors(scenario: Scenario) -> Iterator[Finding]:
                 (key, ("services", needing[0])),
             )
         elif sender.processor is not None and not needing:
-            yield Finding(
-                (*key, "processor"), "computes nothing: no service has tasks (kind: compute)"
-            )
+            yield Finding((*key, "processor"), _NOTHING, (("services",),))
+
+
+def users_can_compute(scenario: Scenario) -> Iterator[Finding]:
+    """Users who have to compute tasks themselves without a processor, or have one for nothing."""
+    offloading, processor = scenario.offloading, scenario.users.processor
+    services = [one for one in scenario.services.values() if not problems_of(one)]
+    if not any(map(computes, services)):
+        if processor is not None:
+            yield Finding(("users", "processor"), _NOTHING, (("services",),))
+        if "offloading" in scenario.model_fields_set:
+            message = "is for services that have tasks (kind: compute)"
+            yield Finding(("offloading",), message, (("services",),))
+    elif offloading.alone and processor is None:
+        yield Finding(
+            ("users", "processor"),
+            f"is needed by offloading: {kind_name(offloading)}, for example {{ghz: 1.0}}",
+            (("offloading",),),
+        )
+
+
+def processors_draw_from_energy(scenario: Scenario) -> Iterator[Finding]:
+    """Powers of processors beside a battery that holds no energy."""
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        processor = drones.processor
+        if processor is None or in_joules(drones.battery):
+            continue
+        for name in ("kappa", "electronics_w"):
+            if name in processor.model_fields_set:
+                yield Finding(
+                    (*key, "processor", name),
+                    "is for batteries that hold energy, for example battery: {kind: rotary_wing}",
+                    ((*key, "battery"),),
+                )
 
 
 def _key_of_list(name: str, service: Service, values: str | None) -> KeyPath:

@@ -55,6 +55,7 @@ class TermsRow(Row):
 
     deadline_us: int
     drops: int
+    stays_begun: int
     restarts: int
 
 
