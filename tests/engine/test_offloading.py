@@ -27,8 +27,8 @@ from tests.engine.test_transfers import FAR, NEAR
 pytestmark = pytest.mark.usefixtures("every_engine")
 
 US = 10**6
-AWAY = (300.0, 650.0)
-"""350 m from the drone, which is out of reach."""
+AWAY = (300.0, 690.0)
+"""340 m from the drone, which is out of reach."""
 
 
 RADIO = {
