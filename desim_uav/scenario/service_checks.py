@@ -22,6 +22,7 @@ from desim_uav.model.services import (
 )
 from desim_uav.registry import kind_name
 from desim_uav.scenario.finding import Finding
+from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -87,7 +88,7 @@ def users_can_compute(scenario: Scenario) -> Iterator[Finding]:
     if not any(map(computes, services)):
         if processor is not None:
             yield Finding(("users", "processor"), _NOTHING, (("services",),))
-        if "offloading" in scenario.model_fields_set:
+        if offloading != Scenario.model_fields["offloading"].default:
             message = "is for services that have tasks (kind: compute)"
             yield Finding(("offloading",), message, (("services",),))
     elif offloading.alone and processor is None:
@@ -105,7 +106,7 @@ def processors_draw_from_energy(scenario: Scenario) -> Iterator[Finding]:
         if processor is None or in_joules(drones.battery):
             continue
         for name in ("kappa", "electronics_w"):
-            if name in processor.model_fields_set:
+            if getattr(processor, name) != Processor.model_fields[name].default:
                 yield Finding(
                     (*key, "processor", name),
                     "is for batteries that hold energy, for example battery: {kind: rotary_wing}",
