@@ -17,7 +17,8 @@ TASKS = """
 drones: {radio: {kind: link_classes, sharing: equal}, processor: {cores: 2, ghz: 2}}
 users: {processor: {ghz: 0.5}}
 services:
-  vision: {kind: compute, input_mbit: [1], cycles_per_bit: [1000], output_mbit: [0.5], deadline_s: 9}
+  vision:
+    {kind: compute, input_mbit: [1], cycles_per_bit: [1000], output_mbit: [0.5], deadline_s: 9}
 offloading: shortest
 demand: {kind: dynamic, mix: {vision: 1}}
 reward: {kind: coverage_battery}
