@@ -68,10 +68,16 @@ STAGES = Columns(
     ),
 )
 
+GROUPED = Columns(
+    "If the users are a list of groups:",
+    group=(TEXT, "The name of the user's group."),
+)
+
 REQUESTS = Columns(
     "One row per request. Every request that was made is there, also if it was never served.",
     VOLUMES,
     STAGES,
+    GROUPED,
     episode=_EPISODE,
     request_id=(INT, "The number of the request in its episode, from 0."),
     user=(INT, "The number of the user, from 0."),
@@ -268,6 +274,7 @@ EPISODES = Columns(
 
 USERS = Columns(
     "One row per way point of a user's walk. Users walk straight from one to the next.",
+    GROUPED,
     episode=_EPISODE,
     user=(INT, "The number of the user, from 0."),
     t_s=(FLOAT, "When the user is there."),

@@ -30,6 +30,7 @@ from desim_uav.records import (
     ENERGY,
     EPISODES,
     EVENTS,
+    GROUPED,
     LEGS,
     LINKS,
     OTHERS,
@@ -38,6 +39,7 @@ from desim_uav.records import (
     STAGES,
     STEPS,
     STORED,
+    TEXT,
     USERS,
     VOLUMES,
     to_frame,
@@ -59,7 +61,9 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     names = world.services.names
     has_volumes, stages = world.services.has_volumes, world.services.stages
     several = world.services.several_stages
-    columns = REQUESTS.among((*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ())))
+    groups = _groups_of_users(world)
+    more = [*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ())]
+    columns = REQUESTS.among([*more, *(GROUPED if groups else ())])
     basic = {name: dtype for name, dtype in columns.items() if name not in DERIVED}
     rows = (
         (
@@ -79,6 +83,7 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
             r.attached_us / US,
             *_volumes(r, has_volumes[r.service]) * any(has_volumes),
             *_stages(r, len(stages[r.service])) * several,
+            *groups[r.user : r.user + 1],
         )
         for log in logs
         for r in log.requests
@@ -86,6 +91,12 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     frame = to_frame(basic, rows)
     duration_s = frame["episode"].map({log.episode: log.duration_us / US for log in logs})
     return qoe.derive(frame, duration_s, world.step_us / US)[list(columns)]
+
+
+def _groups_of_users(world: World) -> list[str]:
+    """Return the name of each user's group; an empty list if the users are not a list of groups."""
+    names = world.scenario.group_names
+    return [names[number] for number in world.scenario.group_numbers] if names else []
 
 
 def _volumes(request: ClosedRequest, has_volumes: bool) -> tuple[float | None, ...]:
@@ -265,7 +276,10 @@ def users_table(paths: Sequence[SamplePath], world: World) -> pd.DataFrame:
     """Return the way points of all walks: the start of each leg, and the episode's end."""
     tables = [_way_points(path, world) for path in paths]
     frame = pd.DataFrame(np.concatenate(tables or [np.empty((0, len(USERS)))]), columns=list(USERS))
-    return frame.astype(USERS)
+    frame = frame.astype(USERS)
+    if groups := _groups_of_users(world):
+        frame["group"] = pd.Series([groups[user] for user in frame["user"]], dtype=TEXT)
+    return frame
 
 
 def _way_points(path: SamplePath, world: World) -> NDArray[np.float64]:

@@ -69,13 +69,16 @@ def _quality(run: Reported) -> Html:
             ("energy used", f"{number(summary['energy_wh'], '.1f')} Wh"),
             ("per Mbit served", f"{number(summary['j_per_mbit'], '.1f') or '-'} J"),
         ]
-    every = {"service": "all"} | {name: summary[name] for name in MEASURES}
-    rows = [every, *qoe.grouped(run.counted("requests"), "service")]
+    requests, measures = run.counted("requests"), {name: summary[name] for name in MEASURES}
+    rows = [{"service": "all"} | measures, *qoe.grouped(requests, "service")]
+    groups = "group" in requests
+    of_groups = [{"group": "all"} | measures, *(qoe.grouped(requests, "group") if groups else ())]
     return joined(
         [
             tiles(first),
             tag("h3", "By service"),
             qoe_table("service", rows),
+            *([tag("h3", "By group of users"), qoe_table("group", of_groups)] if groups else ()),
             paragraph(
                 "QoE1: the share of the requested time that was served, a mean over requests. "
                 "QoE2: the time a request was open and not served, in steps. QoE3: the share of "
