@@ -114,3 +114,8 @@ def test_the_schema_of_editors_has_both_forms() -> None:
     forms = schema["properties"]["users"]["anyOf"]
     assert [form.get("type", form.get("$ref")) for form in forms] == ["#/$defs/Users", "array"]
     assert schema["$defs"]["NamedUsers"]["required"] == ["name"]
+
+
+def test_the_preset_reaches_the_demand_of_a_group() -> None:
+    scenario = loads("preset: paper\nusers: [{name: a, demand: {kind: dynamic}}, {name: b}]")
+    assert [demand.none for demand in scenario.demands] == [0.1, 0.1]  # type: ignore[attr-defined]
