@@ -15,7 +15,7 @@ from desim_uav.policies.random import Random
 from desim_uav.sample_path import SamplePath, draw, draw_all
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.engine import random_groups
+from tests.engine import random_groups, test_saved
 from tests.engine.helpers import ALL_DEMANDS, ALL_WALKS
 from tests.engine.random_radio import audited
 from tests.selection import by_default
@@ -210,3 +210,8 @@ def test_errors_of_draws_name_the_group():
     lost = {"name": "lost", "count": 2, "mobility": {"kind": "tests.plug_ins:Stuck"}}
     with pytest.raises(SimulationError, match=r"^group 'lost': users\.mobility: "):
         draw(world_of([FIRST, lost]), 0, 0).walks  # noqa: B018
+
+
+@pytest.mark.parametrize("seed", by_default([], range(6)))
+def test_a_saved_state_leads_to_the_same_rest(seed: int):
+    test_saved.check(world_of([FIRST, STILL, AWAY]), seed)
