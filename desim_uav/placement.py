@@ -13,6 +13,8 @@ from desim_uav.model.geometry.grid import Cell, Grid, connected
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.scenario.map import DrawnObstacles
 from desim_uav.scenario.schema import Scenario
+from desim_uav.scenario.yaml12 import KeyPath
+from desim_uav.user_group import UserGroup, groups_of
 
 REDRAWS = 100
 """How often a map is drawn anew whose free cells are not connected."""
@@ -74,13 +76,20 @@ def _overlapped(low_m: float, high_m: float, cell_m: float, cells: int) -> slice
     return slice(first, min(math.ceil(high_m / cell_m - 1e-9), cells))
 
 
-def draw_clusters(scenario: Scenario, seed: int) -> NDArray[np.float64]:
-    """Draw centroids uniformly on the map, if possible a radius from the edge: x, y, radius."""
-    clusters = scenario.users.clusters
+def draw_clusters(scenario: Scenario, seed: int) -> list[NDArray[np.float64]]:
+    """Draw the clusters of each group of users, in rows of x, y and radius.
+
+    Centroids are uniform on the map, and if possible a radius from the edge.
+    """
+    return [_clusters(scenario, seed, group) for group in groups_of(scenario)]
+
+
+def _clusters(scenario: Scenario, seed: int, group: UserGroup) -> NDArray[np.float64]:
+    """Draw the clusters of a group of users."""
+    clusters, circles = group.keys.clusters, []
+    streams = Streams(seed, Purpose.WORLD).beginning(group.first_stream)
     if clusters is None:
         return np.empty((0, 3))
-    streams = Streams(seed, Purpose.WORLD)
-    circles = []
     for cluster in range(clusters.count):
         rng = streams.generator(1 + cluster)
         radius = rng.uniform(*clusters.radius_m)
@@ -94,26 +103,30 @@ def draw_clusters(scenario: Scenario, seed: int) -> NDArray[np.float64]:
 
 
 def draw_homes(
-    scenario: Scenario, seed: int, grid: Grid, clusters: NDArray[np.float64]
+    scenario: Scenario, seed: int, grid: Grid, clusters: Sequence[NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Draw the users' homes: clusters in turn, truncated normal positions, heights in buildings."""
-    users = scenario.users
+    """Draw the users' homes: clusters in turn, truncated normal positions, heights in buildings.
+
+    ``clusters`` are those of each group of users.
+    """
     streams = Streams(seed, Purpose.PLACEMENT)
-    homes = np.zeros((users.count, 3))
-    for user in range(users.count):
-        rng = streams.generator(user)
-        if users.positions_m is not None:
-            homes[user, :2] = users.positions_m[user]
-        else:
-            homes[user, :2] = _truncated_normal(rng, clusters[user % len(clusters)], grid)
-        building = grid.height_m[grid.cell_of(*homes[user, :2])]
-        if building > 0.0:
-            homes[user, 2] = rng.uniform(0.0, min(building, users.max_height_m))
+    homes = np.zeros((scenario.user_count, 3))
+    for group, own in zip(groups_of(scenario), clusters, strict=True):
+        users, begun = group.keys, streams.beginning(group.first_stream)
+        for user in range(group.count):
+            rng, home = begun.generator(user), homes[group.first + user]
+            if users.positions_m is not None:
+                home[:2] = users.positions_m[user]
+            else:
+                home[:2] = _truncated_normal(rng, own[user % len(own)], grid, group.path)
+            building = grid.height_m[grid.cell_of(*home[:2])]
+            if building > 0.0:
+                home[2] = rng.uniform(0.0, min(building, users.max_height_m))
     return homes
 
 
 def _truncated_normal(
-    rng: np.random.Generator, cluster: Sequence[float] | NDArray[np.float64], grid: Grid
+    rng: np.random.Generator, cluster: NDArray[np.float64], grid: Grid, key: KeyPath
 ) -> tuple[float, float]:
     """Draw from a normal around a centroid (σ = radius / 2), truncated to its disc and the map."""
     x, y, radius = cluster
@@ -123,6 +136,6 @@ def _truncated_normal(
         if dx * dx + dy * dy <= radius * radius and on_map:
             return float(x + dx), float(y + dy)
     raise ScenarioError(
-        f"users.clusters.radius_m: none of {PLACEMENTS} places drawn around a centroid is on the "
-        f"map; the map is too small for a radius of {radius:g} m"
+        f"{'.'.join(map(str, key))}.clusters.radius_m: none of {PLACEMENTS} places drawn around a "
+        f"centroid is on the map; the map is too small for a radius of {radius:g} m"
     )

@@ -16,6 +16,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from desim_uav.errors import UsageError
+
 OUTCOMES = ("completed", "unfinished", "never_served")
 """The outcomes of requests in every run; those that are dropped at a deadline are LATE."""
 LATE = "late"
@@ -37,7 +39,13 @@ PARTS = ("waiting_s", "sending_s", "computing_s", "own_s")
 
 COUNTED = ("interruptions", "handovers")
 TOLERANCE_S = 1e-6
-GROUPS: dict[str, type] = {"service": str, "episode": int, "user": int, "outcome": str}
+GROUPS: dict[str, type] = {
+    "service": str,
+    "episode": int,
+    "user": int,
+    "group": str,
+    "outcome": str,
+}
 
 
 def inconsistency(requests: pd.DataFrame) -> str | None:
@@ -233,7 +241,9 @@ class Groups:
         self._totals: defaultdict[Any, Totals] = defaultdict(Totals)
 
     def add(self, requests: pd.DataFrame) -> Groups:
-        """Add requests; itself."""
+        """Add requests; itself. Raises UsageError if their users are in no groups."""
+        if self.by not in requests:
+            raise UsageError(f"by: {self.by}: the users of this run are not a list of groups")
         for value, group in requests.groupby(self.by, sort=True):
             self._totals[GROUPS[self.by](value)].add(group)
         return self

@@ -92,8 +92,13 @@ OWN = Columns(
     user_j=(
         FLOAT,
         "What the user's device used for it, in J: for the cycles that it did itself, and for "
-        "sending the input.",
+        "sending the input. Null for users without a processor.",
     ),
+)
+
+GROUPED = Columns(
+    "If the users are a list of groups:",
+    group=(TEXT, "The name of the user's group."),
 )
 
 REQUESTS = Columns(
@@ -102,6 +107,7 @@ REQUESTS = Columns(
     STAGES,
     TASKS,
     OWN,
+    GROUPED,
     episode=_EPISODE,
     request_id=(INT, "The number of the request in its episode, from 0."),
     user=(INT, "The number of the user, from 0."),
@@ -301,6 +307,7 @@ EPISODES = Columns(
 
 USERS = Columns(
     "One row per way point of a user's walk. Users walk straight from one to the next.",
+    GROUPED,
     episode=_EPISODE,
     user=(INT, "The number of the user, from 0."),
     t_s=(FLOAT, "When the user is there."),

@@ -15,30 +15,27 @@ from desim_uav.copies import Unchanging
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
 from desim_uav.links import Links, links_of
-from desim_uav.model.catalogue import Catalogue, catalogue
-from desim_uav.model.demand.asking import RowDemand, RowDraws
-from desim_uav.model.demand.demand import requests_of
-from desim_uav.model.demand.requests import Requests
+from desim_uav.model.catalogue import Catalogue
+from desim_uav.model.demand.requests import Requests, joined_requests
 from desim_uav.model.energy.charging import Charging
 from desim_uav.model.geometry.grid import Cell, Grid, altitudes
-from desim_uav.model.mobility.mobility import walks_of
-from desim_uav.model.mobility.walking import RowMobility, RowWalks, compiled_walk
-from desim_uav.model.mobility.walks import Area, Walks
+from desim_uav.model.mobility.walking import ManyRowWalks, RowMobility, RowWalks, compiled_walk
+from desim_uav.model.mobility.walks import Area, Walks, joined_walks
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import Planner
 from desim_uav.model.motion.space import require_free
 from desim_uav.model.observations import Feature
-from desim_uav.model.random.streams import Purpose, Seeds, states_of
+from desim_uav.model.random.streams import Purpose, Seeds
 from desim_uav.model.rules import US, Choice
 from desim_uav.model.state import Facts
 from desim_uav.placement import draw_buildings, draw_clusters, draw_homes
 from desim_uav.registry import naming_plug_ins
-from desim_uav.rowcode.components import works_on_rows
 from desim_uav.scenario import cost, layout
 from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.facts import Pairs, as_html, as_text
 from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.schema import Scenario
+from desim_uav.user_group import UserGroup, groups_of, shared_mobility
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,11 +172,20 @@ class World(Unchanging):
         return next(k for k, each in enumerate(self.planners) if each.plans_as(own.planner))
 
     @cached_property
+    def user_groups(self) -> tuple[UserGroup, ...]:
+        """The groups of users, in the order of the scenario."""
+        return groups_of(self.scenario)
+
+    @cached_property
+    def stream_numbers(self) -> NDArray[np.int64]:
+        """The number (users,) of each user's random streams, and in the draws of its links."""
+        own = [group.first_stream + np.arange(group.count) for group in self.user_groups]
+        return np.concatenate(own)
+
+    @property
     def services(self) -> Catalogue:
-        """The services as arrays, with the probabilities of the demand's mix."""
-        offered = self.scenario.services
-        mix = getattr(self.scenario.demand, "mix", dict.fromkeys(offered, 1.0))
-        return catalogue(offered, mix)
+        """The services as arrays, with the probabilities of the mix of the first group of users."""
+        return self.user_groups[0].services
 
     def walks(self, seed: int, episode: int) -> Walks:
         """Draw the users' walks in an episode."""
@@ -190,17 +196,22 @@ class World(Unchanging):
 
         ``seed`` is that of all episodes, or a sequence with that of each.
         """
-        mobility, homes = self.scenario.users.mobility, self._homes_on_map
-        walking = walks_of(mobility, homes, seed, episodes, self.area, self.horizon_us)
-        return walking if self.row_mobility else [own.drawn() for own in walking]
+        groups, homes, mobility = self.user_groups, self._homes_on_map, self.row_mobility
+        if mobility is not None:
+            own = [group.states(Purpose.MOBILITY, seed, episodes) for group in groups]
+            states = np.concatenate(own, axis=1)
+            return ManyRowWalks(mobility, homes, states, self.area, self.horizon_us)
+        walks = (group.walks_of(homes, seed, episodes) for group in groups)
+        return [joined_walks(parts) for parts in zip(*walks, strict=True)]
 
     @cached_property
     def row_mobility(self) -> RowMobility | None:
         """The mobility model if compiled code walks by it step by step, else None.
 
-        If drones are asked by event, their legs overlap, and walks are drawn for whole episodes.
+        If drones are asked by event, their legs overlap, and walks are drawn for whole episodes, as
+        they are if groups of users walk by different models.
         """
-        mobility: Any = self.scenario.users.mobility
+        mobility: Any = shared_mobility(self.user_groups)
         return mobility if compiled_walk(mobility) and not self.by_event else None
 
     def requests(self, seed: int, episode: int) -> Requests:
@@ -209,21 +220,10 @@ class World(Unchanging):
 
     def requests_of(self, seed: Seeds, episodes: Sequence[int]) -> Sequence[Requests]:
         """Draw the users' requests in several episodes at once."""
-        demand, users = self.scenario.demand, len(self.homes)
-        if self._row_draws:
-            return self._row_draws.of(states_of(seed, Purpose.DEMAND, episodes, users))
-        return requests_of(demand, users, self.services, seed, episodes, self.horizon_us)
-
-    @cached_property
-    def _row_draws(self) -> RowDraws | None:
-        """The draws of a demand over rows."""
-        demand: Any = self.scenario.demand
-        if not works_on_rows(demand, RowDemand):
-            return None
-        # What users compute themselves is sent nowhere, so that no rate bounds its time.
-        alone = self.services.computes and self.scenario.offloading.alone
-        most_bps = 0 if alone else self.scenario.most_bps
-        return RowDraws(demand, self.services, self.horizon_us, most_bps)
+        own = [group.requests_of(seed, episodes) for group in self.user_groups]
+        if len(own) == 1:
+            return own[0]
+        return [joined_requests(parts) for parts in zip(*own, strict=True)]
 
     @cached_property
     def _homes_on_map(self) -> NDArray[np.float64]:
@@ -232,12 +232,14 @@ class World(Unchanging):
     @cached_property
     def fixed_walks(self) -> Walks | None:
         """The walks of every episode if they are not random, else None."""
-        return None if getattr(self.scenario.users.mobility, "draws", True) else self.walks(0, 0)
+        drawn = any(getattr(group.mobility, "draws", True) for group in self.user_groups)
+        return None if drawn else self.walks(0, 0)
 
     @cached_property
     def fixed_requests(self) -> Requests | None:
         """The requests of every episode if they are not random, else None."""
-        return None if getattr(self.scenario.demand, "draws", True) else self.requests(0, 0)
+        drawn = any(getattr(group.demand, "draws", True) for group in self.user_groups)
+        return None if drawn else self.requests(0, 0)
 
     @property
     def facts(self) -> Facts:
@@ -412,8 +414,9 @@ def build_world(scenario: Scenario, seed: int) -> World:
         )
     width_m, depth_m = scenario.map.size_m
     grid = Grid(width_m, depth_m, height_m, levels_m, levels.step_m, under_ceiling)
-    clusters = draw_clusters(scenario, seed)
-    homes = draw_homes(scenario, seed, grid, clusters)
+    of_groups = draw_clusters(scenario, seed)
+    homes = draw_homes(scenario, seed, grid, of_groups)
+    clusters = np.concatenate(of_groups)
     world = World(scenario, seed, grid, tuple(stations), tuple(starts), clusters, homes)
     _check_spaces(world)
     return world

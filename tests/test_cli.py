@@ -802,7 +802,10 @@ class TestQoe:
 
     def test_by_what_is_no_group(self, cli_run, folder):
         cli_run("qoe", folder, "--by", "servce").failed(
-            2, "--by", "(did you mean 'service'?)", "allowed: service, episode, user, outcome"
+            2,
+            "--by",
+            "(did you mean 'service'?)",
+            "allowed: service, episode, user, group, outcome",
         )
 
     def test_covered_once(self, cli_run, folder):

@@ -58,12 +58,12 @@ def test_what_is_packed_is_what_was_drawn(case):
         else:
             assert (row.legs_at == walking.offsets).all()
             assert (row.legs == walking.legs.reshape(-1)).all()
-        rows, offsets, after_previous = path.requests
+        rows, offsets, _ = path.requests
         asks = array_of(packed, Path, "asks", at).view(np.int64)
         assert (asks == rows[:, :2].reshape(-1)).all()
         assert (row.drawn == rows[:, 2:].reshape(-1)).all()
         assert (row.asks_at == offsets).all()
-        assert row.after_previous == after_previous
+        assert (row.follows == path.requests.follows).all()
         assert (row.respawns == path.respawn.reshape(-1)).all()
         assert row.respawns_drawn == path.respawn.shape[1]
         assert (row.errors.size > 0) == (path.position_error is not None)

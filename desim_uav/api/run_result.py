@@ -140,11 +140,11 @@ class RunResult:
         every measure is the mean of the seeds' measures, counts too.
 
         Args:
-            by: None for everything together (a series), or service, episode, user, outcome or seed
-                for a frame with a row per group.
+            by: None for everything together (a series), or service, episode, user, outcome, seed or
+                group (of users) for a frame with a row per group.
 
         Raises:
-            UsageError: ``by`` is not one of these.
+            UsageError: ``by`` is not one of these, or the users are not a list of groups.
         """
         allowed = (*measures.GROUPS, "seed")
         if by is not None and by not in allowed:
@@ -377,7 +377,7 @@ def of_folder(folder: str | Path) -> RunResult:
 
 def _covered_once(run: Kept) -> float:
     """Return the mean share of users covered at least once, from events if requests do not tell."""
-    episodes, users = run.table("episodes"), run.scenario.users.count
+    episodes, users = run.table("episodes"), run.scenario.user_count
     duration_s = episodes[episodes["episode"] >= 0].set_index("episode")["duration_s"]
     shares = measures.covered_once(run.table("requests"), duration_s, users)
     if shares.isna().any():

@@ -116,7 +116,7 @@ LOOKS: dict[str, OptionLook] = {
     "names": OptionLook("[NAME…]", argument=True, complete=complete_papers),
     "gallery.figure": FOLDER,
     "markdown": OptionLook("FILE", OUTPUT),
-    "by": OptionLook("service|episode|user|outcome"),
+    "by": OptionLook("service|episode|user|group|outcome"),
     "run_dir": RUN,
     "beside": RUN._replace(metavar="RUN_DIR2"),
     "html": OptionLook("FILE"),

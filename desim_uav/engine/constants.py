@@ -130,8 +130,8 @@ def _set_links(constants: Constants, world: World) -> None:
         in_joules = [own.in_joules for own in world.types] + [False] * len(points)
         constants.processors = Table(map(_processor, world.processors, in_joules))
         constants.terms = Table(map(_terms, world.services.terms))
-        own = scenario.users.processor
-        constants.clocks = Table([0 if own is None else own.clock] * len(world.homes))
+        own = [users.processor for users in scenario.user_groups for _ in range(users.count)]
+        constants.clocks = Table(0 if each is None else each.clock for each in own)
     constants.draws = world.services.draws
     constants.first_stages = Table(world.services.first_stages)
     constants.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)

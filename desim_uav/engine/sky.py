@@ -53,6 +53,7 @@ def scene_of(world: World) -> Scene:
         scene.heights_m = Table(world.homes[:, 2].tolist())
     if world.marked:
         buildings = buildings_of(world)
+        scene.drawn_as = Table(world.stream_numbers.tolist())
         scene.nx, scene.ny = world.grid.cells
         scene.cell_x_m, scene.cell_y_m = world.grid.cell_m
         scene.corners, scene.corners_at = buildings.corners, buildings.offsets

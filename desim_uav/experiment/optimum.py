@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.experiment.bounds import bounds
-from desim_uav.model.mobility.mobility import Static
 from desim_uav.optimum.cover import FairCover, Spots, cover, fair_cover, instant_bound
 from desim_uav.optimum.discounted import optimal_return
 from desim_uav.optimum.gain import best_policy, long_run
@@ -55,7 +54,7 @@ def optimum(
     ScenarioError, with all keys that prevent it, if the model is not the paper's, and UsageError,
     with the key, if the scenario cannot be solved for another reason.
     """
-    static = type(scenario.users.mobility) is Static
+    static = scenario.users_stay
     refuse_other_models(scenario, several_types=not static)
     world = build_world(scenario, scenario.effective_world_seed)
     lone = scenario.drone_count == 1 and static
@@ -90,7 +89,7 @@ def optimum(
 def bounds_runs(scenario: Scenario) -> bool:
     """Return whether bounds of runs say more than the best cells and the best of one drone."""
     several = scenario.drone_count > 1 and scenario.limited_battery
-    return several or type(scenario.users.mobility) is not Static
+    return several or not scenario.users_stay
 
 
 def _covers(world: World) -> dict[str, Any]:

@@ -200,7 +200,7 @@ def best_cover(case: int, seed: int) -> dict[str, float | None]:
     """
     scenario = load(scenario_path(f"case{case}"), [f"seed={seed}"])
     measures: dict[str, float | None] = dict.fromkeys(BEST_COVER)
-    if getattr(scenario.users.mobility, "kind", "") != "static":
+    if not scenario.users_stay:
         return measures
     world = build_world(scenario, scenario.effective_world_seed)
     places, percent = Spots(world), 100 / len(world.homes)

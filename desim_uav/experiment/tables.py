@@ -30,6 +30,7 @@ from desim_uav.records import (
     ENERGY,
     EPISODES,
     EVENTS,
+    GROUPED,
     LEGS,
     LINKS,
     OTHERS,
@@ -40,6 +41,7 @@ from desim_uav.records import (
     STEPS,
     STORED,
     TASKS,
+    TEXT,
     USERS,
     VOLUMES,
     to_frame,
@@ -64,10 +66,11 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     names = world.services.names
     has_volumes, stages = world.services.has_volumes, world.services.stages
     several = world.services.several_stages
-    tasks = world.services.has_tasks
-    more = (*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ()))
-    own = world.scenario.users.processor
-    columns = REQUESTS.among((*more, *(TASKS if tasks else ()), *(OWN if own else ())))
+    tasks, groups = world.services.has_tasks, _groups_of_users(world)
+    own = _own_of_users(world)
+    more = [*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ())]
+    more += [*(TASKS if tasks else ()), *(OWN if own else ()), *(GROUPED if groups else ())]
+    columns = REQUESTS.among(more)
     basic = {name: dtype for name, dtype in columns.items() if name not in DERIVED}
     rows = (
         (
@@ -88,7 +91,8 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
             *_volumes(r, has_volumes[r.service]) * any(has_volumes),
             *_stages(r, len(stages[r.service])) * several,
             *_task(r) * tasks,
-            *((_user_j(r, own),) if own else ()),
+            *(_user_j(r, one) for one in own[r.user : r.user + 1]),
+            *groups[r.user : r.user + 1],
         )
         for log in logs
         for r in log.requests
@@ -96,6 +100,12 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     frame = to_frame(basic, rows)
     duration_s = frame["episode"].map({log.episode: log.duration_us / US for log in logs})
     return qoe.derive(frame, duration_s, world.step_us / US)[list(columns)]
+
+
+def _groups_of_users(world: World) -> list[str]:
+    """Return the name of each user's group; an empty list if the users are not a list of groups."""
+    names = world.scenario.group_names
+    return [names[number] for number in world.scenario.group_numbers] if names else []
 
 
 def _volumes(request: ClosedRequest, has_volumes: bool) -> tuple[float | None, ...]:
@@ -137,8 +147,16 @@ def _task(request: ClosedRequest) -> tuple[Any, ...]:
     )
 
 
-def _user_j(request: ClosedRequest, own: UserProcessor) -> float:
-    """Return what a user's device used for a task, in J."""
+def _own_of_users(world: World) -> list[UserProcessor | None]:
+    """Return the processor of each user; none at all if no user has one."""
+    own = [users.processor for users in world.scenario.user_groups for _ in range(users.count)]
+    return own if any(own) else []
+
+
+def _user_j(request: ClosedRequest, own: UserProcessor | None) -> float | None:
+    """Return what a user's device used for a task, in J; None without a processor."""
+    if own is None:
+        return None
     return float(own.busy_w * request.own_us + own.transmit_w * request.uplink_us) / US
 
 
@@ -307,7 +325,10 @@ def users_table(paths: Sequence[SamplePath], world: World) -> pd.DataFrame:
     """Return the way points of all walks: the start of each leg, and the episode's end."""
     tables = [_way_points(path, world) for path in paths]
     frame = pd.DataFrame(np.concatenate(tables or [np.empty((0, len(USERS)))]), columns=list(USERS))
-    return frame.astype(USERS)
+    frame = frame.astype(USERS)
+    if groups := _groups_of_users(world):
+        frame["group"] = pd.Series([groups[user] for user in frame["user"]], dtype=TEXT)
+    return frame
 
 
 def _way_points(path: SamplePath, world: World) -> NDArray[np.float64]:

@@ -85,12 +85,12 @@ class Footprints:
 
 def refuse_walks(world: World) -> None:
     """Raise UsageError if users move."""
-    mobility = world.scenario.users.mobility
-    if type(mobility) is not Static:
-        raise UsageError(
-            f"users.mobility: the best cells can be computed for static users only, "
-            f"not for {kind_name(mobility)!r}"
-        )
+    for group in world.user_groups:
+        if type(group.mobility) is not Static:
+            raise UsageError(
+                f"{'.'.join(map(str, group.path))}.mobility: the best cells can be computed for "
+                f"static users only, not for {kind_name(group.mobility)!r}"
+            )
 
 
 def moves(world: World) -> list[TransitLeg]:

@@ -100,7 +100,7 @@ class DroneProcess:
 def refuse_what_is_random(world: World) -> None:
     """Raise UsageError, with the key, unless there is one drone and nothing random but crashes."""
     scenario = world.scenario
-    demand, admission = scenario.demand, scenario.fleet[0].admission
+    admission = scenario.fleet[0].admission
     only = "the best policy can be computed only"
     if scenario.drone_count > 1:
         raise UsageError(f"drones.count: {only} for one drone, not for {scenario.drone_count}")
@@ -113,10 +113,11 @@ def refuse_what_is_random(world: World) -> None:
         )
     if type(scenario.reward) in NO_REQUESTS:
         return
-    if type(demand) is not Continuous:
-        raise UsageError(
-            f"demand.kind: {only} with continuous demand, not {kind_name(demand)!r}, unless "
-            f"the reward is coverage or coverage_battery"
-        )
+    for key, demand, _ in scenario.asking:
+        if type(demand) is not Continuous:
+            raise UsageError(
+                f"{'.'.join(map(str, key))}.kind: {only} with continuous demand, not "
+                f"{kind_name(demand)!r}, unless the reward is coverage or coverage_battery"
+            )
     if type(admission) is not FirstCome:
         raise UsageError(f"drones.admission: {only} with first_come, not {kind_name(admission)!r}")

@@ -70,14 +70,17 @@ def _quality(run: Reported) -> Html:
             ("per Mbit served", f"{number(summary['j_per_mbit'], '.1f') or '-'} J"),
         ]
     there = [name for name in (*MEASURES, *TASKS) if name in summary]
-    every = {"service": "all"} | {name: summary[name] for name in there}
-    rows = [every, *qoe.grouped(run.counted("requests"), "service")]
+    requests, measures = run.counted("requests"), {name: summary[name] for name in there}
+    rows = [{"service": "all"} | measures, *qoe.grouped(requests, "service")]
+    groups, tasks = "group" in requests, "deadlines_met_percent" in measures
+    of_groups = [{"group": "all"} | measures, *(qoe.grouped(requests, "group") if groups else ())]
     return joined(
         [
             tiles(first),
             tag("h3", "By service"),
             qoe_table("service", rows),
-            qoe_table("service", rows, TASKS) if "deadlines_met_percent" in every else None,
+            qoe_table("service", rows, TASKS) if tasks else None,
+            *([tag("h3", "By group of users"), qoe_table("group", of_groups)] if groups else ()),
             paragraph(
                 "QoE1: the share of the requested time that was served, a mean over requests. "
                 "QoE2: the time a request was open and not served, in steps. QoE3: the share of "

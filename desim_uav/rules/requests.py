@@ -44,7 +44,7 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
     """
     number = user.next_ask
     user.next_ask = number + 1
-    if not path.after_previous:
+    if not path.follows[user.index]:
         foresee_request(world, path, state, user, 0)
     if user.request.number >= 0:
         state.suppressed += 1

@@ -286,7 +286,7 @@ def open_request(world: Constants, path: Path, state: State, user: User, number:
 def close(world: Constants, path: Path, state: State, user: User, phase: int, kind: int) -> None:
     """Close a user's request, completed or not, and log it under a kind of event.
 
-    If the demand says so (``after_previous``), the user's next request is scheduled from now on.
+    If the demand says so (``Path.follows``), the user's next request is scheduled from now on.
     """
     request, now_us = user.request, state.now_us
     if user.holder >= 0:
@@ -306,7 +306,7 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
         end_outage(state, user, phase)
         count_outage(state, user)
     request.number = -1
-    if path.after_previous:
+    if path.follows[user.index]:
         foresee_request(world, path, state, user, now_us)
 
 

@@ -96,17 +96,15 @@ def drones_start_on_the_map(scenario: Scenario) -> Iterator[Finding]:
 
 def users_are_on_the_map(scenario: Scenario) -> Iterator[Finding]:
     """Given positions off the map."""
-    users, path = scenario.users, ("users", "positions_m")
-    if users.positions_m is None:
-        return
     width, depth = scenario.map.size_m
-    for index, (x, y) in enumerate(users.positions_m):
-        if x > width or y > depth:
-            yield Finding(
-                (*path, index),
-                f"off the map, which is {width:g} x {depth:g} m",
-                (("map", "size_m"),),
-            )
+    for key, users in zip(scenario.user_keys, scenario.user_groups, strict=True):
+        for index, (x, y) in enumerate(users.positions_m or ()):
+            if x > width or y > depth:
+                yield Finding(
+                    (*key, "positions_m", index),
+                    f"off the map, which is {width:g} x {depth:g} m",
+                    (("map", "size_m"),),
+                )
 
 
 def obstacles_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
@@ -224,20 +222,22 @@ def cruise_speeds_can_be_flown(scenario: Scenario) -> Iterator[Finding]:
 
 def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:
     """Weights of services there are, of which one at least is above 0."""
-    mix = getattr(scenario.demand, "mix", None)
-    if not isinstance(mix, dict):
-        return
-    path, services = ("demand", "mix"), list(scenario.services)
-    for name in mix:
-        if name not in services:
-            yield Finding(
-                (*path, name),
-                f"no such service{did_you_mean(name, services)}; "
-                f"demand.mix can name {', '.join(services)}",
-                (("services",),),
-            )
-    if not in_order(mix.values()) > 0:
-        yield Finding(path, "one weight at least must be above 0")
+    services = list(scenario.services)
+    for key, demand, _ in scenario.asking:
+        mix = getattr(demand, "mix", None)
+        if not isinstance(mix, dict):
+            continue
+        path = (*key, "mix")
+        for name in mix:
+            if name not in services:
+                yield Finding(
+                    (*path, name),
+                    f"no such service{did_you_mean(name, services)}; "
+                    f"demand.mix can name {', '.join(services)}",
+                    (("services",),),
+                )
+        if not in_order(mix.values()) > 0:
+            yield Finding(path, "one weight at least must be above 0")
 
 
 def the_reward_names_services(scenario: Scenario) -> Iterator[Finding]:
@@ -280,15 +280,15 @@ def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
 
 def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
     """What components say themselves, such as a trace of users that there are not."""
-    walks = getattr(scenario.users.mobility, "problems", None)
-    if walks:
-        area = Area(*scenario.map.size_m)
-        yield from _own_problems(
-            ("users", "mobility"),
-            scenario.users.mobility,
-            walks(scenario.users.count, area),
-            (*_USER_COUNT, ("map", "size_m")),
-        )
+    for key, users in zip(scenario.user_keys, scenario.user_groups, strict=True):
+        walks = getattr(users.mobility, "problems", None)
+        if walks:
+            yield from _own_problems(
+                (*key, "mobility"),
+                users.mobility,
+                walks(users.count, Area(*scenario.map.size_m)),
+                ((*key, "count"), (*key, "positions_m"), ("map", "size_m")),
+            )
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         drained = getattr(drones.battery, "problems", None)
         if drained:
@@ -306,14 +306,15 @@ def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
                 charged(drones.battery),
                 ((*key, "battery"),),
             )
-    problems_of = getattr(scenario.demand, "problems", None)
-    if problems_of:
-        yield from _own_problems(
-            ("demand",),
-            scenario.demand,
-            problems_of(scenario.users.count, list(scenario.services)),
-            (*_USER_COUNT, ("services",)),
-        )
+    for key, demand, counts in scenario.asking:
+        asked = getattr(demand, "problems", None)
+        if asked:
+            yield from _own_problems(
+                key,
+                demand,
+                asked(min(counts), list(scenario.services)),
+                (*_USER_COUNT, ("services",)),
+            )
 
 
 CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
@@ -341,7 +342,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
 )
 
 _GRID: tuple[KeyPath, ...] = (("map", "size_m"), ("map", "cells"))
-_USER_COUNT: tuple[KeyPath, ...] = (("users", "count"), ("users", "positions_m"))
+_USER_COUNT: tuple[KeyPath, ...] = (("users", "count"), ("users", "positions_m"), ("users",))
 
 
 def _listed_obstacles(scenario: Scenario, obstacles: ListedObstacles) -> Iterator[Finding]:

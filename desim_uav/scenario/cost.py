@@ -151,22 +151,25 @@ def _draws_and_requests(scenario: Scenario, most_bps: int) -> tuple[float, float
 
     Volumes take at least the time that they take at ``most_bps``; no time if that is 0.
     """
-    users, steps = scenario.users.count, scenario.episode.steps
-    draws_of = getattr(scenario.demand, "expected_draws", None)
-    horizon_s = steps * scenario.episode.step_s
-    draws = (
-        draws_of(users, _required_s(scenario, most_bps), horizon_s) if draws_of else users * steps
-    )
-    return draws, (1.0 - getattr(scenario.demand, "none", 0.0)) * draws
+    steps, draws, requests = scenario.episode.steps, 0.0, 0.0
+    for users, demand in zip(scenario.user_groups, scenario.demands, strict=True):
+        draws_of, own = getattr(demand, "expected_draws", None), float(users.count * steps)
+        if draws_of:
+            required_s = _required_s(scenario, demand, most_bps)
+            own = draws_of(users.count, required_s, steps * scenario.episode.step_s)
+        draws += own
+        requests += (1.0 - getattr(demand, "none", 0.0)) * own
+    return draws, requests
 
 
 def _counts(scenario: Scenario) -> _Counts:
-    users, drones = scenario.users.count, scenario.drone_count
+    users, drones = scenario.user_count, scenario.drone_count
     steps, horizon_s = scenario.episode.steps, scenario.episode.steps * scenario.episode.step_s
     nx, ny = scenario.map.cells
-    legs_of = getattr(scenario.users.mobility, "expected_legs", None)
-    area = Area(*scenario.map.size_m)
-    legs = legs_of(users, area, horizon_s) if legs_of else float(users * steps)
+    legs, area = 0.0, Area(*scenario.map.size_m)
+    for group in scenario.user_groups:
+        legs_of = getattr(group.mobility, "expected_legs", None)
+        legs += legs_of(group.count, area, horizon_s) if legs_of else group.count * steps
     draws, requests = _draws_and_requests(scenario, scenario.most_bps)
     return _Counts(
         drones,
@@ -228,9 +231,9 @@ def _event_log(logged: Sequence[CostPart], n: _Counts) -> CostPart:
     return CostPart("the event log that is kept", 330.0 * rows + 700.0 * n.drones * n.epochs, keys)
 
 
-def _required_s(scenario: Scenario, most_bps: int) -> float:
+def _required_s(scenario: Scenario, demand: object, most_bps: int) -> float:
     """The mean time of a request in all of its stages, over the mix; of volumes, the least."""
-    mix = getattr(scenario.demand, "mix", None) or dict.fromkeys(scenario.services, 1.0)
+    mix = getattr(demand, "mix", None) or dict.fromkeys(scenario.services, 1.0)
     clock = scenario.most_clock
     means = {name: _mean_us(one, most_bps, clock) for name, one in scenario.services.items()}
     total = math.fsum(mix.values())
@@ -254,7 +257,7 @@ def _crossings(scenario: Scenario, horizon_s: float) -> float:
     """
     width, depth = scenario.map.size_m
     hop = max(scenario.map.cell_m) / scenario.episode.step_s
-    walk = _walking_mps(scenario.users.mobility)
+    walk = max(_walking_mps(users.mobility) for users in scenario.user_groups)
     speed = math.hypot(min(hop, max(width, depth) / scenario.episode.step_s), walk)
     lowest_m = scenario.map.levels.min_altitude_m
     senders = [
@@ -266,8 +269,8 @@ def _crossings(scenario: Scenario, horizon_s: float) -> float:
     for count, radio, disc_m, height_m, speed_mps in senders:
         for radius_m in radio.radii_m(height_m, disc_m):
             across = min(2.0 * max(radius_m, 0.0), width + depth)
-            rate = 2.0 * across * speed_mps * scenario.users.count / (width * depth)
-            total += count * (2.0 * scenario.users.count * (across > 0.0) + rate * horizon_s)
+            rate = 2.0 * across * speed_mps * scenario.user_count / (width * depth)
+            total += count * (2.0 * scenario.user_count * (across > 0.0) + rate * horizon_s)
     return total
 
 
@@ -286,7 +289,7 @@ def _searches(scenario: Scenario) -> float:
         return 0.0
     senders = scenario.drone_count + len(points)
     others = (senders - 1) / reuse if reuse else 0.0
-    return SEARCH * _looks(scenario) * scenario.users.count * (1.0 + others)
+    return SEARCH * _looks(scenario) * scenario.user_count * (1.0 + others)
 
 
 def _looks(scenario: Scenario) -> float:

@@ -19,6 +19,7 @@ from desim_uav.model.rules import US
 from desim_uav.model.services import PROCESSOR, amount_of, computes, largest_bps, rate_of, terms_of
 from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
+from desim_uav.scenario.users import Users
 from desim_uav.scenario.yaml12 import KeyPath
 
 
@@ -36,24 +37,29 @@ def warn_of(scenario: Scenario) -> None:
 
 def recordings(scenario: Scenario) -> Iterator[str]:
     """Yield a description of each recording of a scenario, with its key."""
-    components = {"users.mobility": scenario.users.mobility, "demand": scenario.demand}
-    for key, component in components.items():
+    components: list[tuple[KeyPath, Any, int]] = [
+        ((*key, "mobility"), users.mobility, users.count) for key, users in _groups(scenario)
+    ]
+    components += [(key, demand, sum(counts)) for key, demand, counts in scenario.asking]
+    for key, component, count in components:
         summary = getattr(component, "summary", None)
         if summary:
-            yield f"{key}: {summary(scenario.users.count, _horizon_s(scenario))}"
+            yield f"{_text_of(key)}: {summary(count, _horizon_s(scenario))}"
 
 
 def circles_fit_the_map(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about clusters and stations whose circles do not fit the map."""
     width, depth = scenario.map.size_m
     half, on_map = min(width, depth) / 2.0, f"the map of {width:g} x {depth:g} m"
-    clusters, stations = scenario.users.clusters, scenario.stations
-    if clusters is not None and clusters.radius_m[1] >= half:
-        low, high = clusters.radius_m
-        yield (
-            f"users.clusters.radius_m: [{low:g}, {high:g}]: clusters of {half:g} m and more lie in "
-            f"the middle of {on_map} (map.size_m), one upon the other"
-        )
+    stations = scenario.stations
+    for key, users in _groups(scenario):
+        clusters = users.clusters
+        if clusters is not None and clusters.radius_m[1] >= half:
+            low, high = clusters.radius_m
+            yield (
+                f"{_text_of(key)}.clusters.radius_m: [{low:g}, {high:g}]: clusters of {half:g} m "
+                f"and more lie in the middle of {on_map} (map.size_m), one upon the other"
+            )
     on_circle = stations.count > 0 or any(one.start_cells is None for one in scenario.fleet)
     if on_circle and stations.radius_m > half:
         yield (
@@ -99,19 +105,30 @@ def losses_are_of_the_carrier(scenario: Scenario) -> Iterator[str]:
 
 def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about recordings outside of an episode, or not in metres."""
-    users, horizon_s = scenario.users, _horizon_s(scenario)
-    own = getattr(users.mobility, "doubts", None)
-    for doubt in own(users.count, Area(*scenario.map.size_m), horizon_s) if own else ():
-        yield f"users.mobility: {doubt}"
-    own = getattr(scenario.demand, "doubts", None)
-    for doubt in own(users.count, horizon_s) if own else ():
-        yield f"demand: {doubt}"
+    horizon_s = _horizon_s(scenario)
+    for path, users in _groups(scenario):
+        own = getattr(users.mobility, "doubts", None)
+        for doubt in own(users.count, Area(*scenario.map.size_m), horizon_s) if own else ():
+            yield f"{_text_of(path)}.mobility: {doubt}"
+    for key, demand, counts in scenario.asking:
+        own = getattr(demand, "doubts", None)
+        for doubt in own(sum(counts), horizon_s) if own else ():
+            yield f"{_text_of(key)}: {doubt}"
+
+
+def groups_ask_by_the_demand(scenario: Scenario) -> Iterator[str]:
+    """Yield a warning about a demand by which nobody asks."""
+    given = "demand" in scenario.model_fields_set
+    if given and all(key != ("demand",) for key, *_ in scenario.asking):
+        yield "demand: nobody asks by it, because each group of users has a demand of its own"
 
 
 def places_are_in_metres(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about positions and zones that look like longitudes and latitudes."""
     area = Area(*scenario.map.size_m)
-    positions = {"users.positions_m": scenario.users.positions_m or ()}
+    positions = {
+        f"{_text_of(key)}.positions_m": users.positions_m or () for key, users in _groups(scenario)
+    }
     for number, zone in enumerate(scenario.map.no_fly):
         positions[f"map.no_fly.{number}.polygon_m"] = zone.polygon_m
     for key, places_m in positions.items():
@@ -140,22 +157,23 @@ def zones_stand_in_the_way(scenario: Scenario) -> Iterator[str]:
 def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about requests for more than the bandwidth of any drone."""
     most_bps = scenario.most_bps or math.inf
-    demand: Any = scenario.demand
-    bps_of: Mapping[str, float] = {
-        name: largest_bps(service) for name, service in scenario.services.items()
-    }
-    mix = getattr(demand, "mix", None)
-    key = "services.{}"
-    if isinstance(demand, RequestTrace):
-        bps_of = {name: 1000.0 * kbps for name, kbps in demand.largest_kbps().items()}
-        key = f"demand: {demand.file}: {{}}"
-    elif isinstance(mix, Mapping):
-        bps_of = {name: bps for name, bps in bps_of.items() if mix.get(name, 0.0) > 0.0}
-    for name, bps in bps_of.items():
+    largest = {name: largest_bps(service) for name, service in scenario.services.items()}
+    asked: dict[str, float] = {}
+    for path, demand, _ in scenario.asking:
+        mix = getattr(demand, "mix", None)
+        if isinstance(demand, RequestTrace):
+            asked |= {
+                f"{_text_of(path)}: {demand.file}: {name}": 1000.0 * kbps
+                for name, kbps in demand.largest_kbps().items()
+            }
+            continue
+        names = [name for name in largest if not isinstance(mix, Mapping) or mix.get(name, 0.0) > 0]
+        asked |= {f"services.{name}": largest[name] for name in names}
+    for key, bps in asked.items():
         if bps > most_bps:
             yield (
-                f"{key.format(name)}: requests for {bps / 1000:g} kbit/s are never served, because "
-                f"no drone has more than {most_bps / 1000:g} kbit/s"
+                f"{key}: requests for {bps / 1000:g} kbit/s are never served, because no drone has "
+                f"more than {most_bps / 1000:g} kbit/s"
             )
 
 
@@ -169,12 +187,12 @@ def deadlines_can_be_met(scenario: Scenario) -> Iterator[str]:
             continue
         amounts = [amount_of(service, stage).least for stage in stages]
         least_us = sum(one / rate for one, rate in zip(amounts, rates, strict=True))
-        own = scenario.users.processor
-        if scenario.offloading.alone and own is not None and computes(service):
+        own = [users.processor.clock for users in scenario.user_groups if users.processor]
+        if scenario.offloading.alone and own and computes(service):
             cycles = [
                 one for one, at in zip(amounts, stages, strict=True) if at.resource == PROCESSOR
             ]
-            own_us = sum(cycles) / own.clock
+            own_us = sum(cycles) / max(own)
             least_us *= own_us / (own_us + least_us)  # both do a part at once
         if least_us > deadline_us:
             yield (
@@ -198,12 +216,22 @@ DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     batteries_are_meant,
     losses_are_of_the_carrier,
     recordings_fit_an_episode,
+    groups_ask_by_the_demand,
     places_are_in_metres,
     zones_stand_in_the_way,
     services_fit_the_bandwidth,
     deadlines_can_be_met,
     losses_have_bounds,
 )
+
+
+def _groups(scenario: Scenario) -> Iterator[tuple[KeyPath, Users]]:
+    """Yield the groups of users, each with its key."""
+    yield from zip(scenario.user_keys, scenario.user_groups, strict=True)
+
+
+def _text_of(key: KeyPath) -> str:
+    return ".".join(map(str, key))
 
 
 def _horizon_s(scenario: Scenario) -> float:

@@ -18,6 +18,7 @@ from desim_uav.model.radio.radio import Disc, Radio
 from desim_uav.rules.admission import FirstCome
 from desim_uav.scenario.components import errors, strictly
 from desim_uav.scenario.fields import Index, Metres, Name
+from desim_uav.scenario.named import named_items
 from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.section import Section
 from desim_uav.scenario.slots import ADMISSION, BATTERY, MOTION, RADIO
@@ -95,16 +96,4 @@ def as_fleet(value: object, info: ValidationInfo) -> Any:
     if not isinstance(value, list):
         raise ValueError("must be a mapping, or a list of mappings, one for each type of drones")
     types: tuple[NamedDrones, ...] = strictly(Types, value, info.context)
-    problems: list[tuple[KeyPath, str, object]] = []
-    first: dict[str, int] = {}
-    for number, one in enumerate(types):
-        if one.name in first:
-            message = f"is the name of drones.{first[one.name]} too; names must differ"
-            problems.append(((number, "name"), message, one.name))
-        first.setdefault(one.name, number)
-    if problems:
-        raise errors(problems)
-    drones = sum(one.count for one in types)
-    if drones > MOST_DRONES:
-        raise ValueError(f"has {drones} drones in all; at most {MOST_DRONES}")
-    return types
+    return named_items(types, "drones", MOST_DRONES)

@@ -17,7 +17,7 @@ Pairs = Sequence[tuple[str, str]]
 def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
     """Return the main properties of a scenario, in words."""
     plain = to_plain(scenario)
-    users, stations, episode = plain["users"], plain["stations"], plain["episode"]
+    stations, episode = plain["stations"], plain["episode"]
     width, depth = plain["map"]["size_m"]
     nx, ny = plain["map"]["cells"]
     return [
@@ -28,15 +28,31 @@ def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
             "stations",
             f"{stations['count']}, {stations['pads']} pad{'s' * (stations['pads'] != 1)} each",
         ),
-        ("users", f"{len(users.get('positions_m') or []) or users['count']}"),
-        ("mobility", _component(users["mobility"])),
-        ("demand", _component(plain["demand"])),
+        *_user_facts(plain),
         ("services", ", ".join(plain["services"])),
         ("reward", _component(plain["reward"])),
         ("position noise", _component(plain["position_noise"] or {}) or "none"),
         ("episode", f"{episode['steps']} steps of {episode['step_s']:g} s"),
         ("carry-over", "yes" if episode["carry_over"] else "no"),
     ]
+
+
+def _user_facts(plain: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the properties of the users; a group of users has one line."""
+    users, demand = plain["users"], _component(plain["demand"])
+    if isinstance(users, dict):
+        mobility = _component(users["mobility"])
+        return [("users", str(_count(users))), ("mobility", mobility), ("demand", demand)]
+    groups = []
+    for own in users:
+        asks = _component(own["demand"]) if own["demand"] else demand
+        line = f"{_count(own)}; mobility {_component(own['mobility'])}; demand {asks}"
+        groups.append((own["name"], line))
+    return [("users", str(sum(map(_count, users)))), *groups]
+
+
+def _count(users: dict[str, Any]) -> int:
+    return len(users.get("positions_m") or []) or users["count"]
 
 
 def _fleet_facts(plain: dict[str, Any]) -> list[tuple[str, str]]:

@@ -142,8 +142,12 @@ def dump(scenario: Scenario) -> str:
 def to_plain(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as plain data with every key."""
     plain: dict[str, Any] = _plain(scenario)
-    if scenario.users.positions_m is not None:
-        del plain["users"]["count"], plain["users"]["clusters"]
+    if isinstance(plain["users"], list):
+        plain["users"] = [{"name": one["name"], **one} for one in plain["users"]]
+    for users, (_, *group) in zip(scenario.user_groups, scenario.user_keys, strict=True):
+        if users.positions_m is not None:
+            own = plain["users"][group[0]] if group else plain["users"]
+            del own["count"], own["clusters"]
     if isinstance(plain["drones"], list):
         plain["drones"] = [{"name": one["name"], **one} for one in plain["drones"]]
     for drones, (_, *number) in zip(scenario.fleet, scenario.fleet_keys, strict=True):

@@ -12,7 +12,6 @@ from desim_uav.errors import did_you_mean
 from desim_uav.registry import ComponentField, NameOr, names
 from desim_uav.scenario.components import Slot, as_field
 from desim_uav.scenario.draft import MAX_PROBLEMS, ScenarioDraft
-from desim_uav.scenario.drones import Drones, NamedDrones
 from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.section import Section
@@ -138,9 +137,11 @@ def _owner(parts: list[Any], value: object) -> Any:
     if ListedObstacles in sections:
         listed = isinstance(value, Mapping) and "cells" in value
         return ListedObstacles if listed else DrawnObstacles
-    if NamedDrones in sections:
-        return NamedDrones if isinstance(value, list) else Drones
-    return next((part for part in parts if _is_section(part) or _is_named_tuple(part)), None)
+    if isinstance(value, list):  # whose items have further keys, of a section of their own
+        sections.sort(key=lambda section: -len(section.model_fields))
+    return next(
+        (part for part in (*sections, *parts) if _is_section(part) or _is_named_tuple(part)), None
+    )
 
 
 def _parts(annotation: object) -> Iterator[Any]:

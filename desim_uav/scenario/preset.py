@@ -18,7 +18,10 @@ def paper_preset(mapping: Mapping[str, Any]) -> dict[str, Any]:
         filled["drones"] = _paper_drones(drones)
     elif isinstance(drones, list):
         filled["drones"] = [_paper_drones(d) if isinstance(d, Mapping) else d for d in drones]
-    filled = _with_default(filled, "demand", DEMAND, "none", 0.1)
+    users = mapping.get("users")
+    if isinstance(users, list):
+        filled["users"] = [_paper_users(own) for own in users]
+    filled = _paper_demand(filled)
     filled = _with_default(filled, "reward", REWARD, "cost_sign", 1.0)
     learning = mapping.get("learning", {})
     if isinstance(learning, Mapping):
@@ -27,6 +30,17 @@ def paper_preset(mapping: Mapping[str, Any]) -> dict[str, Any]:
             if isinstance(learning.get(key), Mapping):
                 filled["learning"][key] = PAPER_LEARNING[key] | dict(learning[key])
     return filled
+
+
+def _paper_users(group: object) -> object:
+    """A group of users, whose demand, if it has one, has the default of the paper's code."""
+    own = isinstance(group, Mapping) and isinstance(group.get("demand"), Mapping)
+    return _paper_demand(group) if own and isinstance(group, Mapping) else group
+
+
+def _paper_demand(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """``mapping`` with the default of the paper's code in its demand."""
+    return _with_default(mapping, "demand", DEMAND, "none", 0.1)
 
 
 def _paper_drones(mapping: Mapping[str, Any]) -> dict[str, Any]:

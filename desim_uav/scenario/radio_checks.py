@@ -164,7 +164,7 @@ def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
                 links.height_key,
                 f"must be above the users, who are up to {tallest_m:g} m high, where links have "
                 "classes",
-                (("users", "max_height_m"), path, *_CLIMBS),
+                (*_heights_of_users(scenario), path, *_CLIMBS),
             )
 
 
@@ -264,20 +264,21 @@ def demand_knows_volumes(scenario: Scenario) -> Iterator[Finding]:
         for name, service in scenario.services.items()
         if not is_one_time(service)
     }
-    demand, first = scenario.demand, next(iter(scenario.services))
-    if isinstance(demand, Continuous) and first in others:
-        yield Finding(
-            ("demand",),
-            f"asks for the whole episode; the first service, {first}, asks for {others[first]}",
-            (("services",),),
-        )
-    if isinstance(demand, Trace) and others:
-        yield Finding(
-            ("demand",),
-            f"has service times (required_s); {', '.join(others)} would ask for "
-            f"{'volumes' if 'a volume' in others.values() else 'several times'}",
-            (("services",),),
-        )
+    first = next(iter(scenario.services))
+    for key, demand, _ in scenario.asking:
+        if isinstance(demand, Continuous) and first in others:
+            yield Finding(
+                key,
+                f"asks for the whole episode; the first service, {first}, asks for {others[first]}",
+                (("services",),),
+            )
+        if isinstance(demand, Trace) and others:
+            yield Finding(
+                key,
+                f"has service times (required_s); {', '.join(others)} would ask for "
+                f"{'volumes' if 'a volume' in others.values() else 'several times'}",
+                (("services",),),
+            )
 
 
 def _of_drones(scenario: Scenario) -> Iterator[Sender]:
@@ -326,7 +327,14 @@ def _tallest_user_m(scenario: Scenario) -> float:
     obstacles = scenario.map.obstacles
     if obstacles is None or not _has_buildings(scenario):
         return 0.0
-    return min(scenario.users.max_height_m, scenario.map.tallest_m)
+    highest_m = max(users.max_height_m for users in scenario.user_groups)
+    return min(highest_m, scenario.map.tallest_m)
+
+
+def _heights_of_users(scenario: Scenario) -> Iterator[KeyPath]:
+    """Yield the keys of the heights of users."""
+    for key in scenario.user_keys:
+        yield (*key, "max_height_m")
 
 
 def _always_sees(path_loss: Any) -> bool:

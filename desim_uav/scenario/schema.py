@@ -16,7 +16,7 @@ from desim_uav.model.association import Association, EnteredFirst
 from desim_uav.model.decisions import ByClock, Decisions
 from desim_uav.model.demand.demand import Demand, Dynamic
 from desim_uav.model.energy.charging import Charging, Constant
-from desim_uav.model.mobility.mobility import Mobility, RandomWalk
+from desim_uav.model.mobility.mobility import Static
 from desim_uav.model.motion.limits import CALM
 from desim_uav.model.observations import Encoding
 from desim_uav.model.offloading import RowOffloading
@@ -34,13 +34,12 @@ from desim_uav.scenario.fields import (
     Metres,
     Name,
     Point,
-    RadiusRange,
     Seed,
     Velocity,
 )
 from desim_uav.scenario.learning import Learning
 from desim_uav.scenario.map import SIDE_M, Map
-from desim_uav.scenario.processor import Processor, UserProcessor
+from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.section import Fraction, Section
 from desim_uav.scenario.slots import (
     ASSOCIATION,
@@ -48,12 +47,12 @@ from desim_uav.scenario.slots import (
     DECISIONS,
     DEMAND,
     LINKS,
-    MOBILITY,
     OBSERVATION,
     OFFLOADING,
     REWARD,
     SERVICE,
 )
+from desim_uav.scenario.users import Asking, Groups, Users, as_groups
 from desim_uav.scenario.yaml12 import KeyPath
 
 
@@ -84,52 +83,6 @@ class Stations(Section):
         if self.charging is not None and "full_charge_min" in self.model_fields_set:
             problem = "not beside stations.charging, which says how long it takes"
             raise errors([(("full_charge_min",), problem, self.full_charge_min)])
-        return self
-
-
-class Clusters(Section):
-    """Where users live: how many clusters, and the range of their radii."""
-
-    count: Annotated[int, Field(ge=1, le=10_000)] = 4
-    """The number of clusters."""
-    radius_m: RadiusRange = (240.0, 480.0)
-    """The range from which the radius of each cluster is drawn, in metres. The default is for a
-    map of 2400 m; it is scaled with the shorter side of the map.
-    """
-
-
-class Users(Section):
-    """The users: drawn around clusters, or at given positions, and how they move."""
-
-    later: ClassVar = ("processor",)
-
-    count: Annotated[int, Field(ge=1, le=1_000_000)] = 48
-    """The number of users."""
-    clusters: Clusters | None = Clusters()
-    """The clusters around which users live; null only beside `positions_m`."""
-    positions_m: Annotated[tuple[Point, ...], Field(min_length=1)] | None = None
-    """The home [x, y] of each user, in metres. It replaces `count` and `clusters`."""
-    max_height_m: Annotated[float, Field(ge=0, le=1e4)] = 9.0
-    """The greatest height of a user in a cell with a building, in metres."""
-    mobility: Annotated[Mobility, MOBILITY] = RandomWalk()
-    """How users move."""
-    processor: UserProcessor | None = None
-    """What each user computes tasks with that it does not offload; null means nothing."""
-
-    @model_validator(mode="after")
-    def _positions_decide(self) -> Users:
-        if self.positions_m is None:
-            if self.clusters is None:
-                raise errors([(("clusters",), "may be null only beside users.positions_m", None)])
-            return self
-        problems: list[tuple[KeyPath, str, object]] = []
-        if "count" in self.model_fields_set:
-            problems.append((("count",), "not beside users.positions_m, which counts", self.count))
-        if "clusters" in self.model_fields_set and self.clusters is not None:
-            problems.append((("clusters",), "not beside users.positions_m", self.clusters))
-        if problems:
-            raise errors(problems)
-        self._settle(count=len(self.positions_m), clusters=None)
         return self
 
 
@@ -193,8 +146,10 @@ class Scenario(Section):
     """
     stations: Stations = Stations()
     """The charging stations."""
-    users: Users = Users()
-    """The users: where they live and how they move."""
+    users: Annotated[Users | Groups, BeforeValidator(as_groups)] = Users()
+    """The users: where they live and how they move; or a list of groups, each with a name, keys and
+    a demand of its own.
+    """
     association: Annotated[Association, ASSOCIATION] = cast(Association, EnteredFirst())
     """Which of the drones that cover a user serves it."""
     access_points: Annotated[tuple[AccessPoint, ...], Field(max_length=1000)] = ()
@@ -250,13 +205,11 @@ class Scenario(Section):
     @model_validator(mode="after")
     def _circles_follow_the_map(self) -> Scenario:
         share = min(self.map.size_m) / SIDE_M
-        stations, clusters = self.stations, self.users.clusters
+        stations = self.stations
         if "radius_m" not in stations.model_fields_set:
             self._settle(stations=stations._with(radius_m=share * stations.radius_m))
-        if clusters is not None and "radius_m" not in clusters.model_fields_set:
-            low, high = clusters.radius_m
-            scaled = clusters._with(radius_m=(share * low, share * high))
-            self._settle(users=self.users._with(clusters=scaled))
+        groups = tuple(users.on_map(share) for users in self.user_groups)
+        self._settle(users=groups[0] if isinstance(self.users, Users) else groups)
         return self
 
     @property
@@ -280,6 +233,55 @@ class Scenario(Section):
     def type_names(self) -> tuple[str, ...]:
         """The name of each type of drones; ``drones`` if the file has no list of types."""
         return tuple(getattr(drones, "name", "drones") for drones in self.fleet)
+
+    @property
+    def user_groups(self) -> tuple[Users, ...]:
+        """The groups of users, whichever form the file has."""
+        return (self.users,) if isinstance(self.users, Users) else self.users
+
+    @property
+    def user_keys(self) -> tuple[KeyPath, ...]:
+        """The key of each group of users."""
+        if isinstance(self.users, Users):
+            return (("users",),)
+        return tuple(("users", number) for number in range(len(self.users)))
+
+    @property
+    def group_names(self) -> tuple[str, ...]:
+        """The name of each group of users; there is none if the file has no list of groups."""
+        return () if isinstance(self.users, Users) else tuple(one.name for one in self.users)
+
+    @property
+    def group_numbers(self) -> tuple[int, ...]:
+        """The number of each user's group."""
+        return tuple(k for k, users in enumerate(self.user_groups) for _ in range(users.count))
+
+    @property
+    def user_count(self) -> int:
+        """The number of users of all groups."""
+        return sum(users.count for users in self.user_groups)
+
+    @property
+    def users_stay(self) -> bool:
+        """Do all users stay at home, by the mobility ``static``?"""
+        return all(type(users.mobility) is Static for users in self.user_groups)
+
+    @property
+    def demands(self) -> tuple[Demand, ...]:
+        """The demand of each group of users."""
+        return tuple(getattr(users, "demand", None) or self.demand for users in self.user_groups)
+
+    @property
+    def asking(self) -> tuple[Asking, ...]:
+        """The demands by which users ask, which may be one for several groups."""
+        counts: dict[KeyPath, list[int]] = {}
+        demands: dict[KeyPath, Demand] = {}
+        for path, users, demand in zip(self.user_keys, self.user_groups, self.demands, strict=True):
+            own = getattr(users, "demand", None) is not None
+            key = (*path, "demand") if own else ("demand",)
+            demands[key] = demand
+            counts.setdefault(key, []).append(users.count)
+        return tuple(Asking(key, demands[key], tuple(counts[key])) for key in demands)
 
     @property
     def differing(self) -> tuple[str, ...]:

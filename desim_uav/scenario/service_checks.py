@@ -83,17 +83,19 @@ def tasks_find_processors(scenario: Scenario) -> Iterator[Finding]:
 
 def users_can_compute(scenario: Scenario) -> Iterator[Finding]:
     """Users who have to compute tasks themselves without a processor, or have one for nothing."""
-    offloading, processor = scenario.offloading, scenario.users.processor
+    offloading = scenario.offloading
+    groups = list(zip(scenario.user_keys, scenario.user_groups, strict=True))
     services = [one for one in scenario.services.values() if not problems_of(one)]
     if not any(map(computes, services)):
-        if processor is not None:
-            yield Finding(("users", "processor"), _NOTHING, (("services",),))
+        for key, users in groups:
+            if users.processor is not None:
+                yield Finding((*key, "processor"), _NOTHING, (("services",),))
         if offloading != Scenario.model_fields["offloading"].default:
             message = "is for services that have tasks (kind: compute)"
             yield Finding(("offloading",), message, (("services",),))
-    elif offloading.alone and processor is None:
+    elif offloading.alone and all(users.processor is None for _, users in groups):
         yield Finding(
-            ("users", "processor"),
+            (*groups[0][0], "processor"),
             f"is needed by offloading: {kind_name(offloading)}, for example {{ghz: 1.0}}",
             (("offloading",),),
         )

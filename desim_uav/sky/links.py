@@ -208,7 +208,7 @@ def mark(
         radio.sight,
         Odds(
             key_at(key, words),
-            count,
+            at.drawn_as,
             number,
             (radio.los_shadow_db, radio.nlos_shadow_db),
             radio.p_los if radio.sight == DRAWN else 0,

@@ -72,9 +72,10 @@ class Scene(Row):
 
     ``transits`` and ``radios`` have the numbers of those of ``rules.rows.Constants``. ``groups``
     are those of the users by height, and ``heights_m`` their heights, if a search needs them
-    (``model.radio.air``). Users are sorted by place into buckets. The buildings that block lines of
-    sight are from ``corners`` to ``tallest_m`` (see ``model.radio.buildings``): building b has the
-    corners from ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]`` on.
+    (``model.radio.air``). If links are drawn, users are ``drawn_as`` these numbers. Users are
+    sorted by place into buckets. The buildings that block lines of sight are from ``corners`` to
+    ``tallest_m`` (see ``model.radio.buildings``): building b has the corners from ``corners_at[b]``
+    on, and bucket k the buildings ``built`` from ``built_at[k]`` on.
     """
 
     separation_m: float
@@ -86,6 +87,7 @@ class Scene(Row):
     radios: Table[Propagation]
     groups: Table[int]
     heights_m: Table[float]
+    drawn_as: Table[int]
     nx: int
     ny: int
     cell_x_m: float

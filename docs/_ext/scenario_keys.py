@@ -49,6 +49,8 @@ def markdown() -> str:
     defaults = to_plain(Scenario())
     simple, sections = [], []
     for key, found in schema["properties"].items():
+        walker.claim(key, found)
+    for key, found in schema["properties"].items():
         if walker.is_simple(found):
             simple.append(walker.row(key, found, defaults[key]))
         else:
@@ -146,13 +148,16 @@ class Walker:
     def _is_schedule(self, schema: Schema) -> bool:
         return any(form.get("title") == "Schedule" for form in self.mappings(schema))
 
+    def claim(self, path: str, schema: Schema) -> str:
+        """Where the kinds of a component are described: here, if they are nowhere else yet."""
+        names = tuple(kind["title"] for kind in self.kinds(schema))
+        return self.components.setdefault(names, path) if names else path
+
     def _component(self, path: str, schema: Schema, default: Any) -> str:
         """The kinds of a component."""
         chosen = (default or {}).get("kind")
         text = f"Default: `kind: {chosen}`.\n\n" if chosen else ""
-        described = self.components.setdefault(
-            tuple(kind["title"] for kind in self.kinds(schema)), path
-        )
+        described = self.claim(path, schema)
         if described != path:
             return text + f"The kinds are those of `{described}`.\n"
         if any("enum" in form for form in self.forms(schema)):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.radio.radio import LinkClasses
+from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World
 
 Position = tuple[float, float, float]
@@ -38,15 +39,18 @@ def draws_of(
     user: int,
     cell: int,
     users: int = 0,
+    number: int | None = None,
 ) -> Draws:
     """Return the draws of a link; access point k is transmitter -1 - k.
 
-    Only if the episode is imagined, its key is longer and the number of ``users`` matters.
+    Only if the episode is imagined, its key is longer and the number of ``users`` matters. The user
+    has a ``number`` in the draws, which is ``user`` if there are no groups of users.
     """
-    draws = _draws_of(key[:2], radio, transmitter, user, cell)
+    own = user if number is None else number
+    draws = _draws_of(key[:2], radio, transmitter, own, cell)
     if len(key) == 2:
         return draws
-    new = _draws_of(key[2:4], radio, transmitter, user, cell)
+    new = _draws_of(key[2:4], radio, transmitter, own, cell)
     transmitters = (len(key) - 4) // (1 + users)
     cells = np.array(key[4 : 4 + transmitters]).view(np.int64)
     if cells[transmitter] != cell:
@@ -56,6 +60,12 @@ def draws_of(
     if draws.uniform < chance:
         return Draws(chance * new.uniform, draws.los_db, new.nlos_db)
     return Draws(1.0 - (1.0 - chance) * (1.0 - new.uniform), new.los_db, draws.nlos_db)
+
+
+def number_in_draws(scenario: Scenario, user: int) -> int:
+    """Return the number of a user in draws: 2^24 for each group before its own, and its place."""
+    group = scenario.group_numbers[user]
+    return 2**24 * group + user - scenario.group_numbers.index(group)
 
 
 def _draws_of(
@@ -85,9 +95,9 @@ def possible_levels_dbm(
     """
     (ux, uy, uz), (x, y, z) = ends
     apart = math.hypot(x - ux, y - uy), z - uz
-    levels_dbm = []
+    levels_dbm, number = [], number_in_draws(world.scenario, user)
     for cell in _cells(world, x, y):
-        draws = draws_of(key, radio, transmitter, user, cell, len(world.homes))
+        draws = draws_of(key, radio, transmitter, user, cell, len(world.homes), number)
         for clear in _clear(world, radio, draws.uniform, ends):
             loss = radio.path_loss.los_db if clear else radio.path_loss.nlos_db
             extra_db = draws.los_db if clear else draws.nlos_db

@@ -48,9 +48,9 @@ def _parts(
 
 def _drawn(log: EpisodeLog, path: SamplePath, request: ClosedRequest) -> list[int]:
     """What a request has drawn: the next of its user's, or the one that was due when it came."""
-    rows, offsets, after_previous = path.requests
+    rows, offsets, _ = path.requests
     own = rows[offsets[request.user] : offsets[request.user + 1]].tolist()
-    if after_previous:
+    if path.requests.follows[request.user]:
         of_user = [one.request_id for one in log.requests if one.user == request.user]
         return own[of_user.index(request.request_id)][2:]
     return next(values for due_us, _, *values in own if due_us == request.t_request_us)

@@ -29,6 +29,7 @@ from tests.engine.helpers import before_end, some_command
 from tests.engine.towns import WORLDS, told, town
 
 CELL, USERS, DRONES, POINTS = 7, 40, 2, 1
+NUMBERS = np.arange(USERS)
 CHANCE = 0.3
 TRUE = key_of(0, Purpose.LINK, 0)
 
@@ -44,12 +45,12 @@ def foreseen(key: Any, sample: int, transmitter: int, cell: int = CELL) -> list[
     cells[1] = UNSEEN
     chances = np.full((DRONES + POINTS, USERS), CHANCE)
     words = imagined_links(key, new_key(sample), cells, chances)
-    return [draws_of_link(words, USERS, transmitter, user, cell) for user in range(USERS)]
+    return [draws_of_link(words, NUMBERS, transmitter, user, cell) for user in range(USERS)]
 
 
 def drawn(key: Any, transmitter: int, cell: int = CELL) -> list[Any]:
     """The draws of the users' links under a key."""
-    return [draws_of_link(key, USERS, transmitter, user, cell) for user in range(USERS)]
+    return [draws_of_link(key, NUMBERS, transmitter, user, cell) for user in range(USERS)]
 
 
 @pytest.mark.parametrize("transmitter", [0, -1])
@@ -91,7 +92,7 @@ def test_the_audit_has_formulas_of_its_own():
     for transmitter in (0, 1, -1):
         for cell in (CELL, CELL + 1):
             for user in range(USERS):
-                ours = draws_of_link(words, USERS, transmitter, user, cell)
+                ours = draws_of_link(words, NUMBERS, transmitter, user, cell)
                 told_of = draws_of(words, radio, transmitter, user, cell, USERS)
                 normals = [
                     NormalDist().inv_cdf(((int(word) >> 12) + 0.5) / 2**52) for word in ours[1:]

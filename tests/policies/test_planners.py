@@ -407,3 +407,37 @@ def test_planners_are_better_than_what_they_are_made_of():
     for name in ("rollout:case8.npz+samples=2", "greedy"):
         for measure in ("qoe1_percent", "qoe3_percent"):
             assert reached[name][measure] > reached["case8.npz"][measure] + 2.0
+
+
+def test_an_imagined_future_continues_each_group_by_its_own_models():
+    scenario = {
+        "users": [
+            {"name": "people", "count": 5, "mobility": {"kind": "random_walk", "speed_mps": 5}},
+            {
+                "name": "meters",
+                "count": 4,
+                "mobility": {"kind": "static"},
+                "demand": {"kind": "poisson", "rate_per_hour": 90, "mix": {"throughput": 1}},
+            },
+        ],
+        "episode": {"steps": 6},
+    }
+    futures = []
+    for count in (5, 8):
+        scenario["users"][0]["count"] = count  # type: ignore[index]
+        world = build_world(from_mapping(scenario), 0)
+        engine = make_engine("des", world, RunSettings((True,) * 3, False))
+        engine.reset(draw(world, 0, 0))
+        for _ in range(2):
+            engine.step([4] * 3)
+        path = imagined(engine.save(), 0, 0).path
+        futures.append((path.walks, path.requests, count))
+    for walks, requests, count in futures:
+        assert (walks.legs[walks.offsets[count] :, 3:] == 0.0).all(), "meters stay"
+        assert requests.follows.tolist() == count * [True] + 4 * [False]
+        meters = requests.rows[requests.offsets[count] :]
+        assert (meters[:, 0] >= 2 * 60_000_000).all(), "arrivals are in the future"
+        assert (meters[:, 1] == 0).all(), "by the mix of the group"
+        assert len(meters) > 0
+    one, other = ([w, r, r.rows[r.offsets[c] :].tolist()] for w, r, c in futures)
+    assert one[2] == other[2], "whatever the size of the other group"

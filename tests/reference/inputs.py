@@ -19,7 +19,7 @@ Node = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Request:
-    """What a user will ask for; ``due_us`` counts as ``Inputs.after_previous`` says.
+    """What a user will ask for; ``due_us`` counts as ``Inputs.follows`` says.
 
     A request without a volume is a hold of ``bandwidth_bps`` for ``required_us``. One with
     ``volume_ubit`` (whole 1e-6 bit) is a transfer. It has a rate of ``bandwidth_bps`` where
@@ -86,7 +86,7 @@ class Inputs:
     step_us: int
     legs: Sequence[np.ndarray]
     requests: Sequence[Sequence[Request]]
-    after_previous: bool
+    follows: Sequence[bool]
     position_error: np.ndarray | None
     respawn: np.ndarray
     plan: Callable[[Node, int], Sequence[Node]] | None = None

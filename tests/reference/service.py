@@ -112,7 +112,7 @@ class Services:
         self.server[user] = -1
         self.changed = True
         own = self.inputs.requests[user]
-        if self.inputs.after_previous and self.asked[user] < len(own):
+        if self.inputs.follows[user] and self.asked[user] < len(own):
             self.due_us[user] = t_us + own[self.asked[user]].due_us
 
     def ask(self, t_us: int) -> None:
@@ -126,7 +126,7 @@ class Services:
                 request = own[self.asked[user]]
                 self.asked[user] += 1
                 self.due_us[user] = NEVER
-                if not self.inputs.after_previous and self.asked[user] < len(own):
+                if not self.inputs.follows[user] and self.asked[user] < len(own):
                     self.due_us[user] = own[self.asked[user]].due_us
                 if self.open[user]:
                     self.result.suppressed += 1

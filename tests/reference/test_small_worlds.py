@@ -73,7 +73,7 @@ def fly(
         step_us=60 * US,
         legs=[np.array([[0.0, *user]]) for user in users],
         requests=[requests.get(user, []) for user in range(len(users))],
-        after_previous=False,
+        follows=[False] * len(users),
         position_error=None,
         respawn=np.zeros((len(starts), steps + 1), int),
     )

@@ -230,7 +230,7 @@ def inputs_of(
         step_us=world.step_us,
         legs=split(legs, path.walks.offsets),
         requests=split(requests, path.requests.offsets),
-        after_previous=path.requests.after_previous,
+        follows=path.requests.follows,
         position_error=path.position_error,
         respawn=path.respawn,
         plan=plan,
@@ -299,7 +299,7 @@ class Case:
     def smooth(self) -> bool:
         """Bandwidth for everybody at once, and all requests at the start?"""
         once = all(len(own) <= 1 for own in self.inputs.requests)
-        at_start = self.inputs.after_previous and all(
+        at_start = all(self.inputs.follows) and all(
             request.due_us == 0 for own in self.inputs.requests for request in own
         )
         asked_bps = sum(r.bandwidth_bps for own in self.inputs.requests for r in own)

@@ -37,7 +37,7 @@ class TableSection(NamedTuple):
 NOTHING = TableSection([], 0, 0)
 
 
-TABLES = (Ask.words, 1, 1, 1, 1, 1, 1, 1, 1)
+TABLES = (Ask.words, 1, 1, 1, 1, 1, 1, 1, 1, 1)
 """The words of an entry of each table of a Path: a row of asks has two, other entries one."""
 
 
@@ -45,7 +45,7 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     """Return sample paths in one block, and the word at which each one's row begins."""
     rows, sections = _rows_and_sections(paths)
     starts = Path.words * np.arange(len(rows))
-    at, place, parts = rows.size, 3, []
+    at, place, parts = rows.size, 2, []
     for columns, section in zip(TABLES, sections, strict=True):
         if section is NOTHING:
             rows[:, place : place + 2] = 0
@@ -73,7 +73,7 @@ def blocks_of(paths: SamplePaths) -> tuple[list[Words], NDArray[np.int64]]:
     lengths = Path.words + sizes.sum(axis=0)
     ends = np.cumsum(lengths)
     starts = ends - lengths
-    block, at, place = np.empty(ends[-1], np.int64), np.full(episodes, Path.words), 3
+    block, at, place = np.empty(ends[-1], np.int64), np.full(episodes, Path.words), 2
     for columns, section, begin, counts in zip(TABLES, sections, begins, sizes, strict=True):
         rows[:, place], rows[:, place + 1] = 8 * at, counts // columns
         place += 2
@@ -120,10 +120,10 @@ def _rows_and_sections(paths: SamplePaths) -> tuple[NDArray[np.int64], tuple[Tab
     stepwise, legs_at, legs, streams = _walking(paths.walking)
     asks, drawn, asks_at = _requests(paths.requests)
     rows = np.empty((len(paths.episodes), Path.words), np.int64)
-    rows[:, 0], rows[:, 1] = _after_previous(paths.requests), stepwise
-    rows[:, 2] = paths.respawn.shape[2]
-    respawns, keys = _block(paths.respawn), _keys(paths.link_keys)
-    return rows, (asks, drawn, asks_at, legs, legs_at, streams, respawns, _errors(paths), keys)
+    rows[:, 0], rows[:, 1] = stepwise, paths.respawn.shape[2]
+    respawns, keys, follows = _block(paths.respawn), _keys(paths.link_keys), _follows(paths)
+    errors = _errors(paths)
+    return rows, (asks, drawn, asks_at, legs, legs_at, streams, respawns, errors, keys, follows)
 
 
 def _block(numbers: NDArray[Any]) -> TableSection:
@@ -185,11 +185,12 @@ def _requests(requests: Sequence[Requests]) -> tuple[TableSection, TableSection,
     )
 
 
-def _after_previous(requests: Sequence[Requests]) -> bool | list[bool]:
-    """Return ``Requests.after_previous`` of each episode, or of all."""
+def _follows(paths: SamplePaths) -> TableSection:
+    """Return the section of ``Requests.follows``."""
+    requests = paths.requests
     if isinstance(requests, ManyRequests):
-        return requests.after_previous
-    return [own.after_previous for own in _once(requests)]
+        return _listed([requests.follows])
+    return _listed([own.follows for own in _once(requests)])
 
 
 def _keys(keys: NDArray[np.uint64]) -> TableSection:

@@ -215,7 +215,7 @@ class Simulation(Engine):
         row.legs = np.ascontiguousarray(walks.legs, float).reshape(-1).view(Numbers)
         row.legs_at = np.ascontiguousarray(walks.offsets, np.int64).view(Numbers)
         row.link_key = np.ascontiguousarray(path.link_key).view(np.int64).view(Numbers)
-        row.after_previous = int(requests.after_previous)
+        row.follows = Table(requests.follows.astype(int).tolist())
         row.respawns = Table(path.respawn.reshape(-1).tolist())
         row.respawns_drawn = path.respawn.shape[1]
         if path.position_error is not None:

@@ -296,13 +296,15 @@ def requests_of(
     seeds: Seeds,
     episodes: Sequence[int],
     horizon_us: int,
+    first: int = 0,
 ) -> Sequence[Requests]:
     """Return the requests of several episodes by a model that is not over rows.
 
-    Raises SimulationError if a number of them cannot be counted.
+    ``first`` is the number of the first user's random stream. Raises SimulationError if a number of
+    requests cannot be counted.
     """
     own = zip(seed_of_each(seeds, episodes), episodes, strict=True)
-    streams = [Streams(seed, Purpose.DEMAND, episode) for seed, episode in own]
+    streams = [Streams(seed, Purpose.DEMAND, episode, first) for seed, episode in own]
     return [
         _counted(demand, demand.requests(users, services, each, horizon_us), services)
         for each in streams

@@ -23,12 +23,34 @@ class Requests(NamedTuple):
     The rows of user u are ``offsets[u]:offsets[u + 1]``. If ``after_previous`` is true, DUE_US
     counts from the end of the user's previous request, and for the first request from the start of
     the episode. Otherwise DUE_US is the time of an arrival, which is dropped while another request
-    of that user is open.
+    of that user is open. It is one truth value for all users, or an array of one for each (users,).
     """
 
     rows: NDArray[np.int64]
     offsets: NDArray[np.int64]
-    after_previous: bool
+    after_previous: bool | NDArray[np.bool_]
+
+    @property
+    def follows(self) -> NDArray[np.bool_]:
+        """Whether the times of each user (users,) count from the end of its previous request."""
+        return np.broadcast_to(self.after_previous, len(self.offsets) - 1)
+
+
+def joined_requests(parts: Sequence[Requests]) -> Requests:
+    """Return the requests of groups of users, in the order of the groups."""
+    if len(parts) == 1:
+        return parts[0]
+    return Requests(
+        np.concatenate([part.rows for part in parts]),
+        joined_offsets([part.offsets for part in parts]),
+        np.concatenate([part.follows for part in parts]),
+    )
+
+
+def joined_offsets(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return the offsets (users + 1,) of tables that are put one behind the other."""
+    counts = np.concatenate([np.diff(part) for part in parts])
+    return np.concatenate([[0], np.cumsum(counts)])
 
 
 class ManyRequests(Sequence[Requests]):
@@ -51,6 +73,11 @@ class ManyRequests(Sequence[Requests]):
 
     def __len__(self) -> int:
         return len(self.offsets)
+
+    @property
+    def follows(self) -> NDArray[np.bool_]:
+        """``Requests.follows`` of each episode."""
+        return np.broadcast_to(self.after_previous, self.offsets.shape[1] - 1)
 
     def __getitem__(self, k: Any) -> Any:
         """Return the requests of episode k of the table."""

@@ -95,14 +95,18 @@ def walks_of(
     episodes: Sequence[int],
     area: Area,
     horizon_us: int,
+    first: int = 0,
 ) -> Sequence[Walks | RowWalks]:
-    """Return the walks of several episodes from ``homes`` (users, 2), or rows that draw them."""
+    """Return the walks of several episodes from ``homes`` (users, 2), or rows that draw them.
+
+    ``first`` is the number of the first user's random stream.
+    """
     if works_on_rows(mobility, RowMobility):
         assert isinstance(mobility, RowMobility)
-        states = states_of(seeds, Purpose.MOBILITY, episodes, len(homes))
+        states = states_of(seeds, Purpose.MOBILITY, episodes, len(homes), first)
         return ManyRowWalks(mobility, homes, states, area, horizon_us)
     own = zip(seed_of_each(seeds, episodes), episodes, strict=True)
-    streams = [Streams(seed, Purpose.MOBILITY, episode) for seed, episode in own]
+    streams = [Streams(seed, Purpose.MOBILITY, episode, first) for seed, episode in own]
     walking = [mobility.walks(homes, each, area, horizon_us) for each in streams]
     for walks in walking:
         problem = misshapen(walks, len(homes)) or leaves_the_map(walks, area, horizon_us)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import SimulationError
+from desim_uav.model.demand.requests import joined_offsets
 from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.random.streams import Stream, begin_stream
 from desim_uav.rowcode.components import (
@@ -48,6 +49,14 @@ class Walks(NamedTuple):
     def drawn(self) -> Walks:
         """Return these walks, which need not be drawn (see ``RowWalks``)."""
         return self
+
+
+def joined_walks(parts: Sequence[Walks]) -> Walks:
+    """Return the walks of groups of users, in the order of the groups."""
+    if len(parts) == 1:
+        return parts[0]
+    legs = np.concatenate([part.legs for part in parts])
+    return Walks(legs, joined_offsets([part.offsets for part in parts]))
 
 
 @row

@@ -65,7 +65,8 @@ class Odds(NamedTuple):
     """How the links to one transmitter are drawn.
 
     ``key`` (2,) is that of the draws of the episode (``philox.key_of`` for ``Purpose.LINK``), or
-    longer if the episode is imagined (``radio.draws``), and ``users`` is the number of users.
+    longer if the episode is imagined (``radio.draws``), and ``numbers`` (users,) are those that
+    users have in the draws.
     ``transmitter`` is the number in the draws: that of a drone, or -1 - k for access point k, so
     that one more drone does not change the draws of access points. ``shadow_db`` are the standard
     deviations of shadowing with and without line of sight in dB. ``p_los`` and ``values`` are the
@@ -73,7 +74,7 @@ class Odds(NamedTuple):
     """
 
     key: NDArray[np.uint64]
-    users: int
+    numbers: NDArray[np.int64]
     transmitter: int
     shadow_db: tuple[float, float]
     p_los: int
@@ -97,7 +98,9 @@ class Draw(NamedTuple):
 @kernel
 def draw(odds: Odds, user: int, cell: int) -> Draw:
     """Return the draws of a link while the transmitter is in a cell."""
-    uniform, los_word, nlos_word = draws_of_link(odds.key, odds.users, odds.transmitter, user, cell)
+    uniform, los_word, nlos_word = draws_of_link(
+        odds.key, odds.numbers, odds.transmitter, user, cell
+    )
     upright = along = 0.0
     if odds.p_los != 0:
         least = least_elevation(odds.p_los, odds.values, uniform)

@@ -54,17 +54,17 @@ def imagined_links(
 
 @kernel
 def draws_of_link(
-    key: NDArray[np.uint64], users: int, transmitter: int, user: int, cell: int
+    key: NDArray[np.uint64], numbers: NDArray[np.int64], transmitter: int, user: int, cell: int
 ) -> LinkDraw:
     """Return a link's uniform number, and its random bits with and without line of sight.
 
     ``key`` (2,) is that of the episode, or longer if the episode is imagined (``imagined_links``).
-    ``users`` is the number of all users.
+    ``numbers`` (users,) are those that users have in the draws.
     """
-    counter = (np.uint64(cell), np.uint64(user), np.uint64(transmitter), np.uint64(0))
+    counter = (np.uint64(cell), np.uint64(numbers[user]), np.uint64(transmitter), np.uint64(0))
     true = philox(key, counter)
     if len(key) > KEY_WORDS:
-        return _drawn_anew(key, users, transmitter, user, cell, true, counter)
+        return _drawn_anew(key, len(numbers), transmitter, user, cell, true, counter)
     return as_uniform(true[0]), true[1], true[2]
 
 

@@ -36,22 +36,31 @@ class Purpose(IntEnum):
 class Streams:
     """The streams of one purpose in one episode, one per entity (user, drone or cluster)."""
 
-    def __init__(self, seed: int, purpose: Purpose, episode: int = 0) -> None:
-        """Name the streams; ``episode`` may be negative (warm-up) and is taken modulo 2**32."""
+    def __init__(self, seed: int, purpose: Purpose, episode: int = 0, first: int = 0) -> None:
+        """Name the streams; ``episode`` may be negative (warm-up) and is taken modulo 2**32.
+
+        ``first`` is added to the number of each entity.
+        """
         self.seed = seed
         self.purpose = purpose
         self.episode = episode % 2**32
+        self.first = first
+
+    def beginning(self, first: int) -> Streams:
+        """Return the streams whose entity 0 is the entity ``first`` of these."""
+        return Streams(self.seed, self.purpose, self.episode, self.first + first)
 
     def generator(self, entity: int) -> np.random.Generator:
         """Return the stream of one entity, from its beginning, as a NumPy generator."""
-        key = (int(self.purpose), entity, self.episode)
+        key = (int(self.purpose), self.first + entity, self.episode)
         sequence = np.random.SeedSequence(self.seed, spawn_key=key)
         return np.random.Generator(np.random.SFC64(sequence))
 
     def states(self, count: int) -> NDArray[np.uint64]:
         """Return the initial SFC64 states of the streams of entities 0 … count-1: (count, 4)."""
-        states: NDArray[np.uint64] = states_of(self.seed, self.purpose, [self.episode], count)[0]
-        return states
+        states = states_of(self.seed, self.purpose, [self.episode], count, self.first)
+        own: NDArray[np.uint64] = states[0]
+        return own
 
 
 Seeds = int | Sequence[int]
@@ -64,12 +73,15 @@ def seed_of_each(seeds: Seeds, episodes: Sequence[int]) -> Sequence[int]:
 
 
 def states_of(
-    seeds: Seeds, purpose: Purpose, episodes: Sequence[int], count: int
+    seeds: Seeds, purpose: Purpose, episodes: Sequence[int], count: int, first: int = 0
 ) -> NDArray[np.uint64]:
-    """Return the initial states of several episodes' streams: (episodes, count, 4)."""
+    """Return the initial states of several episodes' streams: (episodes, count, 4).
+
+    They are those of the entities from number ``first`` on.
+    """
     numbers = np.array([episode % 2**32 for episode in episodes], np.uint64)
     own = np.array(seed_of_each(seeds, episodes), np.uint64)
-    return _seeded_states(own, np.uint64(purpose), numbers, count)
+    return _seeded_states(own, np.uint64(purpose), numbers, count, np.uint64(first))
 
 
 def uniforms_of(
@@ -130,7 +142,11 @@ def _begun(pool: NDArray[np.uint64], seed: np.uint64, purpose: np.uint64) -> np.
 
 @maker
 def _seeded_states(
-    seeds: NDArray[np.uint64], purpose: np.uint64, episodes: NDArray[np.uint64], count: int
+    seeds: NDArray[np.uint64],
+    purpose: np.uint64,
+    episodes: NDArray[np.uint64],
+    count: int,
+    lowest: np.uint64,
 ) -> NDArray[np.uint64]:
     """Seed SFC64 for each entity as NumPy does, with a SeedSequence of four 32-bit words."""
     states = np.empty((len(episodes), count, 4), np.uint64)
@@ -143,7 +159,7 @@ def _seeded_states(
             first = _begun(start, seeds[episode], purpose)
         for i in range(4):
             pool[i] = start[i]
-        constant = _stir(pool, np.uint64(entity), 5, first)
+        constant = _stir(pool, lowest + np.uint64(entity), 5, first)
         _stir(pool, episodes[episode], 6, constant)
         constant = np.uint64(0x8B51F9DD)
         for i in range(6):

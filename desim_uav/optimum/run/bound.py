@@ -15,7 +15,6 @@ import numpy as np
 
 from desim_uav.drone_type import DroneType
 from desim_uav.model.demand.demand import Continuous
-from desim_uav.model.mobility.mobility import Static
 from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.optimum.run.alone import ANYWHERE, alone_of, drain_of
 from desim_uav.optimum.run.covered import Covered
@@ -82,7 +81,7 @@ class BoundedRun:
         steps = world.scenario.episode.steps
         self.steps = steps * episodes
         stretch = self.steps if world.scenario.episode.carry_over else steps
-        if type(world.scenario.users.mobility) is Static:
+        if world.scenario.users_stay:
             walks, steps_each = [self.paths[0].walks], 1
         else:
             walks, steps_each = [path.walks for path in self.paths], steps
@@ -100,7 +99,7 @@ class BoundedRun:
     def bound(self, schedule: bool = True) -> RunBound:
         """Return the bounds; ``schedule`` says whether to look for a good schedule too."""
         qoe3 = self.qoe3()
-        same = type(self.world.scenario.demand) is Continuous
+        same = all(type(own) is Continuous for own in self.world.scenario.demands)
         return RunBound(
             len(self.paths),
             100.0 * qoe3,

@@ -31,8 +31,9 @@ class Chains(NamedTuple):
 
     The requests of chain i, whose user is ``users[i]``, are ``first[i]:first[i + 1]``. Each can be
     made at ``earliest``, requires a time of service, and can be served until ``ends``; times are in
-    steps from the start of the run. If ``after_previous``, a request is made only if the previous
-    one of its chain has been served completely; otherwise all but the first may be dropped.
+    steps from the start of the run. If ``after_previous[i]``, a request is made only if the
+    previous one of its chain has been served completely; otherwise all but the first may be
+    dropped.
     """
 
     first: NDArray[np.int64]
@@ -40,7 +41,7 @@ class Chains(NamedTuple):
     earliest: NDArray[np.float64]
     required: NDArray[np.float64]
     ends: NDArray[np.int64]
-    after_previous: bool
+    after_previous: NDArray[np.bool_]
 
 
 def asked_in(episodes: Sequence[Requests], steps: int, step_us: int) -> Chains:
@@ -49,11 +50,12 @@ def asked_in(episodes: Sequence[Requests], steps: int, step_us: int) -> Chains:
     A request is made at the earliest if all previous ones of its user are served at once.
     """
     first, users, rows = [0], [], []
+    follows = np.concatenate([requests.follows for requests in episodes])
     for episode, requests in enumerate(episodes):
         for user in range(len(requests.offsets) - 1):
             own, t_us = requests.rows[requests.offsets[user] : requests.offsets[user + 1]], 0
             for row in own.tolist():
-                t_us = t_us + row[DUE_US] if requests.after_previous else row[DUE_US]
+                t_us = t_us + row[DUE_US] if requests.follows[user] else row[DUE_US]
                 if t_us >= steps * step_us:
                     break
                 earliest = episode * steps + t_us / step_us
@@ -68,7 +70,7 @@ def asked_in(episodes: Sequence[Requests], steps: int, step_us: int) -> Chains:
         table[:, 0].copy(),
         table[:, 1].copy(),
         table[:, 2].astype(np.int64),
-        all(requests.after_previous for requests in episodes),
+        follows,
     )
 
 
@@ -153,7 +155,7 @@ def _choose(
             continue
         best, last, served = -np.inf, first, 0.0
         for k in range(first, stop):
-            if chains.after_previous:
+            if chains.after_previous[chain]:
                 gain = served + gains[k, 1] - theta * (k - first + 1)
                 served += gains[k, 0]
                 if gain > best:
@@ -164,8 +166,8 @@ def _choose(
                 best += max(0.0, gains[k, 1] - theta)
         total += best
         for k in range(first, stop):
-            whole = chains.after_previous and k < last
-            part = k == last or (not chains.after_previous and gains[k, 1] > theta)
+            whole = chains.after_previous[chain] and k < last
+            part = k == last or (not chains.after_previous[chain] and gains[k, 1] > theta)
             if not (whole or part):
                 continue
             requests += 1

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.saved import Rows, SavedState
 from desim_uav.model.demand.asking import from_now
-from desim_uav.model.demand.requests import DRAWN, DUE_US, Requests
+from desim_uav.model.demand.requests import DRAWN, DUE_US, Requests, joined_requests
 from desim_uav.model.geometry.coverage import T0_US, all_walked
-from desim_uav.model.mobility.walking import RowWalks, from_here
-from desim_uav.model.mobility.walks import Walks
+from desim_uav.model.mobility.walking import RowWalks
+from desim_uav.model.mobility.walks import Walks, joined_walks
 from desim_uav.model.radio.draws import imagined_links
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Phase
 from desim_uav.policies.planning.links import SeenLinks
 from desim_uav.rules.due import ask_slot, key
 from desim_uav.sample_path import SamplePath
+from desim_uav.user_group import UserGroup
 from desim_uav.world import World
 
 WALKS, REQUESTS, NOISE, RESPAWNS, LINKS = range(5)
@@ -39,7 +39,7 @@ def imagined(
     """
     world, state = saved.world, saved.rows.state
     draws = _Draws(world, seed, saved.path.episode, state.step, sample)
-    requests = draws.requests(saved.path.requests.after_previous)
+    requests = draws.requests(saved.path.requests.follows)
     walking = draws.walks(saved.path, state.now_us)
     errors, respawn = draws.errors(saved.path), draws.respawns(saved.path)
     key = saved.path.link_key if links is None else draws.links(saved.path, links)
@@ -69,32 +69,34 @@ class _Draws:
 
     def walks(self, path: SamplePath, now_us: int) -> Walks | RowWalks:
         """Return walks that are the true ones until now, and then new ones from where users are."""
-        world, mobility = self.world, self.world.scenario.users.mobility
-        true = path.walks
+        groups, true = self.world.user_groups, path.walks
         moves = bool((true.legs[:, 3:] != 0.0).any())
-        if not moves and not getattr(mobility, "draws", True):
+        if not moves and self.world.fixed_walks is not None:
             return path.walking  # nobody walks
-        at_m = np.ascontiguousarray(all_walked(*true, now_us))
-        if getattr(mobility, "draws", True):
-            onward = from_here(mobility)
-            new = onward.walks(at_m, self._streams(WALKS), world.area, world.horizon_us)
-        else:  # recorded walks: nobody knows how they go on
-            new = Walks(np.hstack([np.zeros((len(at_m), 1)), at_m, 0.0 * at_m]), _each_one(at_m))
+        at_m, streams = all_walked(*true, now_us), self._streams(WALKS)
+        new = joined_walks([group.onward(at_m, streams) for group in groups])
         return _joined(true, new, now_us)
 
-    def requests(self, after_previous: bool) -> Requests:
+    def requests(self, follows: NDArray[np.bool_]) -> Requests:
         """Return the requests that users will make after those that they have made.
+
+        ``follows`` (users,) is that of the true requests.
+        """
+        groups = self.world.user_groups
+        return joined_requests([self._of_group(own, bool(follows[own.first])) for own in groups])
+
+    def _of_group(self, group: UserGroup, follows: bool) -> Requests:
+        """Return the requests that the users of a group will make.
 
         Recorded requests are not known before they are made, so none are expected.
         """
-        demand, users = self.world.scenario.demand, len(self.world.homes)
-        if not getattr(demand, "draws", True):
-            none = np.zeros((0, DRAWN + self.world.services.draws), np.int64)
-            return Requests(none, np.zeros(users + 1, np.int64), True)
-        streams = self._streams(REQUESTS)
-        onward = from_now(demand, self.step * self.world.step_us)
-        requests = onward.requests(users, self.world.services, streams, self.world.horizon_us)
-        return _without_first(requests) if after_previous else requests
+        if not getattr(group.demand, "draws", True):
+            none = np.zeros((0, DRAWN + group.services.draws), np.int64)
+            return Requests(none, np.zeros(group.count + 1, np.int64), True)
+        streams = self._streams(REQUESTS).beginning(group.first_stream)
+        onward = from_now(group.demand, self.step * self.world.step_us)
+        own = onward.requests(group.count, group.services, streams, self.world.horizon_us)
+        return _without_first(own) if follows else own
 
     def errors(self, path: SamplePath) -> NDArray[np.float64] | None:
         """Return the position errors, of which those after now are new."""
@@ -118,11 +120,6 @@ class _Draws:
         """Return the key of links' draws, of which those that are not seen are new."""
         new = self._streams(LINKS).generator(0).bit_generator.random_raw(2)
         return imagined_links(path.link_key, new, *state)
-
-
-def _each_one(users: Any) -> NDArray[np.int64]:
-    """Return the offsets of one leg per user."""
-    return np.arange(len(users) + 1)
 
 
 def _joined(true: Walks, new: Walks, now_us: int) -> Walks:
@@ -159,13 +156,13 @@ def _asking_anew(rows: Rows, requests: Requests, horizon_us: int) -> Rows:
     due = [event for event in rows.due if not users <= event[0] < 2 * users]
     for user in state.users:
         first, end = requests.offsets[user.index : user.index + 2].tolist()
-        waits = not requests.after_previous or user.request.number < 0
+        waits = not requests.follows[user.index] or user.request.number < 0
         if waits and first < end:
             t_us = state.now_us + int(requests.rows[first, DUE_US])
             if t_us < horizon_us:
                 due.append((ask_slot(state, user.index), t_us, key(Phase.REQUEST, -1, user.index)))
-    if not requests.after_previous:
-        requests.rows[:, DUE_US] += state.now_us
+    arrive = np.repeat(~requests.follows, np.diff(requests.offsets))
+    requests.rows[arrive, DUE_US] += state.now_us
     asking = [user._replace(next_ask=int(requests.offsets[user.index])) for user in state.users]
     due.sort(key=lambda event: (event[1], event[2]))
     return Rows(state._replace(users=tuple(asking)), rows.routes, tuple(due))

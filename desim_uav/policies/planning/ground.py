@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.geometry.coverage import all_walked
-from desim_uav.model.mobility.walking import from_here
+from desim_uav.model.mobility.walks import joined_walks
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import MOVES, Action, Choice, kind_of, move_of
 from desim_uav.world import World
@@ -215,14 +214,13 @@ def _spread_m(world: World) -> Floats:
 
     A mobility that draws nothing, such as a trace, is not asked, because its walks are the future.
     """
-    mobility: Any = world.scenario.users.mobility
     steps, homes = world.scenario.episode.steps, np.ascontiguousarray(world.homes[:, :2])
-    if not getattr(mobility, "draws", True):
+    if not any(getattr(group.mobility, "draws", True) for group in world.user_groups):
         return np.zeros(steps + 1)
     squares = np.zeros(steps + 1)
     for episode in range(DRAWN_WALKS):
         streams = Streams(world.seed, Purpose.PLANNER, episode)
-        walks = from_here(mobility).walks(homes, streams, world.area, world.horizon_us)
+        walks = joined_walks([group.onward(homes, streams) for group in world.user_groups])
         for step in range(steps + 1):
             away_m = all_walked(walks.legs, walks.offsets, step * world.step_us) - homes
             squares[step] += (away_m * away_m).mean() / DRAWN_WALKS

@@ -258,6 +258,8 @@ class Encoder:
             "drones": self.drones,
             "senders": self.senders,
             "users": self.users,
+            "groups": list(scenario.group_names),
+            "group_of": list(scenario.group_numbers) if scenario.group_names else [],
             "services": self.services,
             "step_us": self.step_us,
             "by_event": scenario.decisions.by_event,

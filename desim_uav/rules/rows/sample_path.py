@@ -23,10 +23,10 @@ class Path(Row):
     legs. ``respawns`` holds ``respawns_drawn`` stations per drone, and ``errors`` the position
     errors in x and y, in cells, per drone and decision epoch, or nothing without noise.
     ``link_key`` holds the key of the draws of links (``model.random.philox``); the compiled engine
-    has nothing there if there are no such draws.
+    has nothing there if there are no such draws. A user ``follows`` if the times of its asks count
+    from the end of its previous request (1), and not from the start of the episode (0).
     """
 
-    after_previous: int
     stepwise: int
     respawns_drawn: int
     asks: Table[Ask]
@@ -38,3 +38,4 @@ class Path(Row):
     respawns: Table[int]
     errors: Table[float]
     link_key: Table[int]
+    follows: Table[int]

@@ -61,7 +61,7 @@ class Street:
             self.kind,
             Odds(
                 np.array(self.key, np.uint64),
-                len(legs),
+                np.arange(len(legs)),
                 self.number,
                 self.shadow_db,
                 chance[0],

@@ -29,7 +29,9 @@ function ofUser(state, u) {
   const doing = state.userState(u);
   const [x, y] = [new Float64Array(1), new Float64Array(1)];
   whereUser(episode, u, state.tUs, x, y);
-  const rows = [["place", metres(x[0], y[0])]];
+  const { groups, group_of: groupOf } = state.run;
+  const rows = groups.length ? [["group", groups[groupOf[u]]]] : [];
+  rows.push(["place", metres(x[0], y[0])]);
   if (episode.walk.z[u] > 0) rows.push(["height", `${episode.walk.z[u].toFixed(1)} m`]);
   const holder = state.holder[u];
   rows.push(["attached to", holder >= 0 ? senderName(state.run, holder) : "no drone"]);
