@@ -44,6 +44,11 @@ def test_earliest_deadline_is_in_time_if_any_order_is(sets: int) -> None:
 
 
 @pytest.mark.thorough
+def test_earliest_deadline_is_so_in_the_compiled_engine() -> None:
+    check([tasks.earliest_deadline(200, "batch")])
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "part", ["engines_are_equal", "first_come", "shared", "tandem", "waits", "deadlines"]
 )

@@ -395,14 +395,14 @@ class Job:
     until_s: int
 
 
-def earliest_deadline(sets: int) -> Figure:
+def earliest_deadline(sets: int, engine_name: str = "des") -> Figure:
     """Return for how many sets of tasks it is wrong whether some order is in time."""
     wrong = feasible = 0
     for seed in range(sets):
         jobs = jobs_of(seed)
         possible = any_order(jobs)
         feasible += possible
-        wrong += in_time(jobs) != possible
+        wrong += in_time(jobs, engine_name) != possible
     assert sets / 10 < feasible < 9 * sets / 10
     return Exact("earliest deadline: sets in time unlike the best order", wrong, 0, cases=sets)
 
@@ -452,17 +452,17 @@ def _deadline_world() -> World:
 
 
 @cache
-def _deadline_engine() -> Engine:
-    return make_engine("batch", _deadline_world(), RunSettings((True,), False, keep_events=False))
+def _deadline_engine(name: str) -> Engine:
+    return make_engine(name, _deadline_world(), RunSettings((True,), False, keep_events=False))
 
 
-def in_time(jobs: Sequence[Job]) -> bool:
+def in_time(jobs: Sequence[Job], engine_name: str = "des") -> bool:
     """Return whether the simulator does all in time. Service k has a deadline of k seconds."""
     asks: dict[int, list[Ask]] = {
         user: [(job.from_s, 0.0, 0.0, job.until_s - job.from_s, 1, 10**11 * job.takes_s, 0)]
         for user, job in enumerate(jobs)
     }
-    engine = _deadline_engine()
+    engine = _deadline_engine(engine_name)
     engine.reset(path_of(engine.world, asks))
     engine.step([0])
     assert [one.outcome for one in engine.log.requests] == [Outcome.COMPLETED] * len(jobs)
