@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from desim_uav.model.catalogue import drawn_amount
 from desim_uav.model.geometry.coverage import all_walked
-from desim_uav.model.services import SHARING
+from desim_uav.model.services import COMPUTING, NOWHERE, SHARING
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User
 from desim_uav.rules.words import CHARGING, CRASHED, FLYING, IN_QUEUE
 from tests.audit.instants import audit_instant
 from tests.audit.sight import possible_levels_dbm
+from tests.audit.tasks import audit_tasks
 
 if TYPE_CHECKING:
     from desim_uav.engine.des import Simulation
@@ -45,6 +46,8 @@ def audit(simulation: Simulation) -> None:
             _one_state(world, state, user)
         _geometry(simulation)
     audit_instant(simulation)
+    if state.keeps_tasks:
+        audit_tasks(simulation)
 
 
 def _battery(world: Constants, state: State, drone: Drone) -> None:
@@ -91,7 +94,8 @@ def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
         assert drone.scan or used_hz <= bandwidth_hz, f"shares of {drone.index}"
     assert [sum(r.service == s for r in served) for s in range(world.services)] == drone.served
     if drone.mode != FLYING:
-        assert not served, f"drone {drone.index} serves in mode {drone.mode}"
+        linked = [request for request in served if request.line != COMPUTING]
+        assert not linked, f"drone {drone.index} serves in mode {drone.mode}"
         assert drone.attached_users == 0, f"drone {drone.index} holds users in mode {drone.mode}"
         assert not drone.waiting and not drone.sharing
 
@@ -126,47 +130,68 @@ def _stations(world: Constants, state: State) -> None:
 
 
 def _one_state(world: Constants, state: State, user: User) -> None:
-    """Check that an open request is served by its user's drone or waits there, if there is one."""
-    request = user.request
+    """Check that an open request is served by its user's drone or waits there, if there is one.
+
+    A request for a processor does not, and the result of a task may wait for another drone.
+    """
+    request, holder = user.request, user.holder
     queues = [drone.index for drone in state.senders if user.index in drone.waiting]
     shares = [drone.index for drone in state.senders if user.index in drone.sharing]
     if request.number < 0:
         assert not queues and not shares, "a user waits without a request"
         return
-    _work(world, state, request)
-    assert bool(request.queued) == bool(queues or shares), "queued without a line, or in one"
+    if request.stages > 0:
+        _work(world, state, request)
+    computing = [drone.index for drone in state.senders if user.index in drone.computing]
+    in_line = bool(queues or shares or computing)
+    assert bool(request.queued) == in_line, "queued without a line, or in one"
+    if request.line == COMPUTING:
+        assert not queues and not shares, "a request for a processor waits for a link"
+        return
+    if request.line == NOWHERE:
+        assert not in_line and request.server < 0, "nothing is left to send or to compute"
+        assert not state.tasks[user.index].own_done, "a task that is done is open"
+        return
+    if state.keeps_tasks and state.tasks[user.index].site not in (-1, holder):
+        holder = -1
     if request.line == SHARING:
         assert not queues, "a request that shares waits"
-        assert shares == [user.holder] * (user.holder >= 0), "a share where a user is not attached"
-        assert request.server in (-1, user.holder), "served by another drone"
-    elif user.holder < 0:
+        assert shares == [holder] * (holder >= 0), "a share where a user is not attached"
+        assert request.server in (-1, holder), "served by another drone"
+    elif holder < 0:
         assert request.server < 0 and not queues, "served or queued without a drone"
     elif request.server < 0:
-        assert queues == [user.holder], "a request waits where its user is not attached"
+        assert queues == [holder], "a request waits where its user is not attached"
     else:
-        assert request.server == user.holder and not queues, "served by another drone"
+        assert request.server == holder and not queues, "served by another drone"
 
 
 def _work(world: Constants, state: State, request: Request) -> None:
     """Check that no more is done for a request than it requires, within its last microsecond.
 
     A request has been served for the times of the stages that it has passed through, if they are
-    measured in time, and for what is done in this one.
+    measured in time, and for what is done in this one. If something was lost, it was longer.
     """
     first = world.first_stages[request.service]
     stages = world.stages[first : first + request.stages]
     assert 0 <= request.stage < request.stages, "a stage that there is not"
     amounts = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
+    task = state.tasks[request.user] if state.keeps_tasks else None
     if request.stages > 1:
-        assert request.required == drawn_amount(stages[request.stage], request.drawn, 0) > 0
+        amount = drawn_amount(stages[request.stage], request.drawn, 0)
+        part = 1.0 if task is None else task.part
+        assert request.required == (amount if part == 1.0 else int(amount * part)) > 0
     assert 0 <= request.done <= request.required, "served more than requested"
     if request.server >= 0:
         amount = request.done + request.rate * (state.now_us - request.counted_us)
         assert amount < request.required + request.rate, "served more than requested"
+    if task is not None and task.own > 0:
+        return
     times_us = sum(us for us, one in zip(amounts, stages, strict=False) if one.timed)
     times_us += request.done if stages[request.stage].timed else 0
     assert times_us <= request.served_us, "more time is done than served"
-    if all(one.timed for one in stages[: request.stage + 1]):
+    lost = task is not None and (task.restarts > 0 or world.terms[request.service].restarts)
+    if all(one.timed for one in stages[: request.stage + 1]) and not lost:
         assert times_us == request.served_us, "time served is not what is done"
 
 

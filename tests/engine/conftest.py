@@ -35,6 +35,7 @@ COMPILED_APART = (
     "test_links_against_fixed_step",
     "test_mixed",
     "test_radio_engines",
+    "test_tasks",
     "test_transfers",
     "test_wind",
     "test_wind_against_fixed_step",

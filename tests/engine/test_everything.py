@@ -8,7 +8,7 @@ afresh, mobility, demand, services, radio and access points.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -19,6 +19,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.registry import names
 from desim_uav.scenario.load import from_mapping
 from desim_uav.scenario.schema import Scenario
+from desim_uav.world import World
 from tests.engine import random_all
 from tests.engine.random_all import world_of
 from tests.engine.random_radio import audited
@@ -29,9 +30,9 @@ AUDITED_IN = 4
 """In how many scenarios one is audited, which takes many times longer."""
 
 
-def unlike(seed: int) -> list[str]:
+def unlike(seed: int, make: Callable[[int], World] = world_of) -> list[str]:
     """In what two episodes of both engines differ, some of whose drones have no ceiling."""
-    world, rng = world_of(seed), np.random.default_rng(seed)
+    world, rng = make(seed), np.random.default_rng(seed)
     ceilings = tuple((rng.random(world.scenario.drone_count) < 0.5).tolist())
     one, other = engines(world, ceilings)
     return [name for episode in range(2) for name in differences(one, other, seed, episode)]

@@ -85,6 +85,8 @@ def row(request: ClosedRequest) -> tuple[Any, ...]:
         ),
         *(request.t_first_us, request.t_end_us, request.interruptions, request.drones),
         *(request.stage, request.asked_us, request.asked_ubit, request.sent_ubit),
+        *(request.asked_cycles, request.deadline_us, request.sending_us, request.computing_us),
+        request.restarts,
         request.outcome,
     )
 

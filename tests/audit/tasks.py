@@ -1,0 +1,247 @@
+"""Checks of tasks at processors: where they stand, at which rates they are computed, for how long.
+
+What is done for requests is also integrated here, from the rates after each event.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+from desim_uav.engine.base import ClosedRequest, EpisodeLog
+from desim_uav.model.catalogue import drawn_amount
+from desim_uav.model.services import COMPUTING
+from desim_uav.rules.processing import EarliestDeadline, FirstComeTasks, ProcessorSharing
+from desim_uav.rules.rows import Drone, State, User
+from desim_uav.rules.words import CRASHED
+
+if TYPE_CHECKING:
+    from desim_uav.engine.des import Simulation
+
+
+@dataclass
+class Work:
+    """What has been done of a stage, which needs ``required``, in the units of its line."""
+
+    required: int
+    line: int
+    timed: bool
+    done: int = 0
+
+    @property
+    def counts(self) -> int:
+        """What counts: the last microsecond may do more than is needed."""
+        return min(self.done, self.required)
+
+
+@dataclass
+class TaskRecord:
+    """What an audit has seen of an episode until ``now_us``; ``whole``: from its start.
+
+    The open request of each user is known by its number, its stage, and how often it has begun
+    anew, and is served at a rate. ``work`` is what has been done for requests, by their numbers and
+    stages; ``lines`` are the tasks at each processor, as their users and when they arrived. At a
+    processor there were tasks for ``there_us`` altogether; those that left had been there for
+    ``visits_us``. All tasks were computed for ``computing_us``.
+    """
+
+    log: EpisodeLog
+    whole: bool
+    now_us: int = 0
+    open: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    rates: dict[int, int] = field(default_factory=dict)
+    work: defaultdict[int, dict[int, Work]] = field(default_factory=lambda: defaultdict(dict))
+    lines: defaultdict[int, dict[int, int]] = field(default_factory=lambda: defaultdict(dict))
+    there_us: Counter[int] = field(default_factory=Counter)
+    visits_us: Counter[int] = field(default_factory=Counter)
+    computing_us: int = 0
+
+
+RECORDS: WeakKeyDictionary[Simulation, TaskRecord] = WeakKeyDictionary()
+"""What the audit has noted of each simulation so far."""
+
+
+def audit_tasks(simulation: Simulation) -> None:
+    """Check all tasks now. Raises AssertionError if something is wrong."""
+    state, log = simulation.state, simulation.log
+    record = RECORDS.get(simulation)
+    if record is None or record.log is not log or state.now_us < record.now_us:
+        record = RECORDS[simulation] = TaskRecord(log, state.now_us == state.step == 0)
+        record.now_us = state.now_us
+    _elapse(record, state.now_us)
+    if log.duration_us > 0:
+        for drone in state.senders:
+            _visits(record, state, drone)
+        if record.whole:
+            _totals(simulation, record)
+        return
+    for user in state.users:
+        if user.request.number >= 0:
+            _task(simulation, user)
+    for drone in state.senders:
+        _processor(simulation, drone)
+        _visits(record, state, drone)
+    record.rates.clear()
+    for user in state.users:
+        if user.request.number >= 0:
+            _done(simulation, record, user)
+        else:
+            record.open.pop(user.index, None)
+
+
+def _elapse(record: TaskRecord, now_us: int) -> None:
+    """Serve and wait until now."""
+    elapsed_us, record.now_us = now_us - record.now_us, now_us
+    for user, rate in record.rates.items():
+        number, stage, _ = record.open[user]
+        work = record.work[number][stage]
+        work.done += rate * elapsed_us
+        record.computing_us += elapsed_us * (work.line == COMPUTING)
+    for drone, line in record.lines.items():
+        record.there_us[drone] += elapsed_us * len(line)
+
+
+def _task(simulation: Simulation, user: User) -> None:
+    """Check that a task is at one place, that its times add up, and that it is not too late."""
+    world, state, request = simulation.constants, simulation.state, user.request
+    task, terms = state.tasks[user.index], world.terms[request.service]
+    sites = [drone.index for drone in state.senders if user.index in drone.computing]
+    if request.line == COMPUTING:
+        assert sites == [task.site] * (task.site >= 0), f"the task of user {user.index} is lost"
+        assert task.site >= 0 or user.holder < 0, f"the task of user {user.index} does not arrive"
+        assert request.server in (-1, task.site), "computed at another processor"
+    else:
+        assert not sites, f"user {user.index} has a task at a processor that needs none"
+        assert request.server in (-1, user.holder), "sent to another drone"
+        assert task.site < 0 or request.server in (-1, task.site), "a result from elsewhere"
+    served_us = task.sending_us + task.computing_us
+    assert request.t_request_us + served_us <= state.now_us, "served longer than open"
+    if task.own == 0:
+        assert request.served_us == served_us, "time served is that of sending and computing"
+        assert task.part == 1.0, "a part that nobody computes"
+    else:
+        _own(simulation, user)
+    if terms.drops and not terms.stays_begun:
+        assert state.now_us <= task.deadline_us, f"the task of user {user.index} is late"
+
+
+def _own(simulation: Simulation, user: User) -> None:
+    """Check the part of a task that its user computes: its size, and when it is done."""
+    world, state, request = simulation.constants, simulation.state, user.request
+    task, clock = state.tasks[user.index], world.clocks[user.index]
+    first = world.first_stages[request.service]
+    stages = world.stages[first : world.first_stages[request.service + 1]]
+    cycles = [drawn_amount(one, request.drawn, 0) for one in stages if one.line == COMPUTING]
+    assert task.own == sum(one - int(one * task.part) for one in cycles), "cycles that are nobody's"
+    lasts_us = -(-task.own // clock)
+    assert task.own_until_us == task.own_from_us + lasts_us, "a part is interrupted"
+    assert task.own_from_us >= request.t_request_us
+    assert task.own_done or state.now_us <= task.own_until_us, "a part is not over"
+    assert not task.own_done or state.now_us >= task.own_until_us, "a part is over too early"
+
+
+def _processor(simulation: Simulation, drone: Drone) -> None:
+    """Check the order of the tasks at a processor, and that its cores are given as they must be."""
+    state = simulation.state
+    processor = simulation.world.processors[drone.radio]
+    if processor is None:
+        assert not drone.computing, f"tasks at drone {drone.index}, which has no processor"
+        return
+    line = [state.users[u] for u in drone.computing]
+    places = [_place(state, user, processor.sharing.by_deadline) for user in line]
+    assert places == sorted(set(places)), f"the order of tasks at {drone.index}"
+    rates = [user.request.rate if user.request.server >= 0 else 0 for user in line]
+    full = processor.cores * processor.clock
+    assert sum(rates) <= full, f"cores of {drone.index} are given twice"
+    assert max(rates, default=0) <= processor.clock, f"a task of {drone.index} has several cores"
+    if drone.mode == CRASHED and drone.point < 0:
+        assert not line, f"tasks at drone {drone.index}, which has crashed"
+    runs = drone.serving or (drone.computes and processor.on_ground)
+    if not runs:
+        assert not any(rates), f"the processor of {drone.index} does not stand still"
+    elif not drone.scan:
+        assert rates == _expected(processor, len(line), rates), f"rates at {drone.index}: {rates}"
+
+
+def _place(state: State, user: User, by_deadline: bool) -> tuple[int, int, int]:
+    """Return the place of a task in a line."""
+    task = state.tasks[user.index]
+    return task.deadline_us if by_deadline else 0, task.arrived_us, user.index
+
+
+def _expected(processor: Any, there: int, rates: list[int]) -> list[int]:
+    """Return the rates of the tasks at a processor; those of an own discipline are not known."""
+    cores, clock, sharing = processor.cores, processor.clock, processor.sharing
+    if isinstance(sharing, (FirstComeTasks, EarliestDeadline)):
+        return [clock] * min(there, cores) + [0] * (there - cores)
+    if isinstance(sharing, ProcessorSharing):
+        return [min(clock, clock * cores // max(there, 1))] * there
+    return rates
+
+
+def _visits(record: TaskRecord, state: State, drone: Drone) -> None:
+    """Count for how long those who leave a processor were there."""
+    before = record.lines[drone.index]
+    record.lines[drone.index] = {user: state.tasks[user].arrived_us for user in drone.computing}
+    for user, arrived_us in before.items():
+        if user not in drone.computing:
+            record.visits_us[drone.index] += state.now_us - arrived_us
+    for user, arrived_us in record.lines[drone.index].items():
+        assert before.get(user, state.now_us) == arrived_us or not record.whole, "arrived before"
+
+
+def _done(simulation: Simulation, record: TaskRecord, user: User) -> None:
+    """Check that what is done for a request is what its rates add up to."""
+    world, state, request = simulation.constants, simulation.state, user.request
+    task, terms = state.tasks[user.index], world.terms[request.service]
+    now = request.number, request.stage, task.restarts
+    before = record.open.get(user.index, (-1, -1, -1))
+    works, counted = record.work[request.number], request.done
+    if request.server >= 0:
+        counted += request.rate * (state.now_us - request.counted_us)
+        record.rates[user.index] = request.rate
+    if now != before:
+        if before[0] == now[0] and before[2] != now[2]:
+            assert task.restarts == before[2] + 1 and request.stage == min(works), "not anew"
+            works.clear()
+        stage = world.stages[world.first_stages[request.service] + request.stage]
+        works[request.stage] = Work(request.required, request.line, bool(stage.timed))
+        works[request.stage].done = 0 if record.whole else counted
+        record.open[user.index] = now
+    elif works[request.stage].required != request.required:
+        assert not works[request.stage].done, "another part of a task that has begun"
+        works[request.stage].required, works[request.stage].line = request.required, request.line
+    work = works[request.stage]
+    if terms.restarts and counted == 0 < work.done and task.site < 0:
+        assert user.holder not in (-1, request.last_server), "lost without a handover"
+        work.done = 0
+    assert work.counts == min(counted, work.required), f"what is done for user {user.index}"
+
+
+def _totals(simulation: Simulation, record: TaskRecord) -> None:
+    """Check that bits, cycles and times add up at the end of an episode, and Little's law."""
+    requests = simulation.log.requests
+    for one in requests:
+        works = record.work.get(one.request_id, {})
+        bits = sum(w.counts for w in works.values() if w.line != COMPUTING and not w.timed)
+        cycles = sum(w.counts for w in works.values() if w.line == COMPUTING)
+        assert one.sent_ubit == bits, f"bits of request {one.request_id}"
+        assert _cycles(works, one) == cycles, f"cycles of request {one.request_id}"
+        apart_us = one.sending_us + one.computing_us
+        assert max(apart_us, one.own_us) <= one.served_us <= apart_us + one.own_us
+        assert one.served_us <= one.t_end_us - one.t_request_us
+        terms = simulation.constants.terms[one.service]
+        dropped = terms.drops and not terms.stays_begun
+        assert not dropped or one.t_end_us <= one.deadline_us
+    assert sum(one.computing_us for one in requests) == record.computing_us, "time of computing"
+    assert record.there_us == record.visits_us, "tasks there and their visits: Little's law"
+
+
+def _cycles(works: dict[int, Work], one: ClosedRequest) -> int:
+    """Return the cycles of a request as it is logged."""
+    if one.stage in works and works[one.stage].line == COMPUTING:
+        return one.done
+    passed = any(w.line == COMPUTING for stage, w in works.items() if stage < one.stage)
+    return int(one.asked_cycles * one.part) if passed else 0
