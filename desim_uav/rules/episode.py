@@ -56,6 +56,8 @@ def begin(world: Constants, path: Path, state: State) -> None:
     for d in range(len(state.drones)):
         if state.drones[d].mode == words.FLYING:
             _serve_again(world, path, state, state.drones[d])
+        if state.keeps_tasks:
+            power(world, state, state.drones[d])
         begin_count(world, state, state.drones[d])
         orient(world, path, state, state.drones[d])
     if len(world.points) > 0:
@@ -97,7 +99,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.sharing.clear()
     drone.computing.clear()
     drone.computes = 0
-    drone.drawn_us -= state.now_us
+    drone.power_uw = drone.drawn_us = drone.rest_pj = drone.span_us = 0
     drone.ahead.clear()
     for service in range(world.services):
         drone.served[service] = drone.asking[service] = 0
