@@ -16,7 +16,7 @@ from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
 from desim_uav.links import Links, links_of
 from desim_uav.model.catalogue import Catalogue
-from desim_uav.model.demand.requests import Requests, joined_requests
+from desim_uav.model.demand.requests import Requests, joined_episodes
 from desim_uav.model.energy.charging import Charging
 from desim_uav.model.geometry.grid import Cell, Grid, altitudes
 from desim_uav.model.mobility.walking import ManyRowWalks, RowMobility, RowWalks, compiled_walk
@@ -220,10 +220,7 @@ class World(Unchanging):
 
     def requests_of(self, seed: Seeds, episodes: Sequence[int]) -> Sequence[Requests]:
         """Draw the users' requests in several episodes at once."""
-        own = [group.requests_of(seed, episodes) for group in self.user_groups]
-        if len(own) == 1:
-            return own[0]
-        return [joined_requests(parts) for parts in zip(*own, strict=True)]
+        return joined_episodes([own.requests_of(seed, episodes) for own in self.user_groups])
 
     @cached_property
     def _homes_on_map(self) -> NDArray[np.float64]:

@@ -37,7 +37,7 @@ class Requests(NamedTuple):
 
 
 def joined_requests(parts: Sequence[Requests]) -> Requests:
-    """Return the requests of groups of users, in the order of the groups."""
+    """Return the requests of groups of users in an episode, in the order of the groups."""
     if len(parts) == 1:
         return parts[0]
     return Requests(
@@ -65,7 +65,7 @@ class ManyRequests(Sequence[Requests]):
         asks: NDArray[np.int64],
         drawn: NDArray[np.int64],
         offsets: NDArray[np.int64],
-        after_previous: bool,
+        after_previous: bool | NDArray[np.bool_],
     ) -> None:
         self.offsets, self.after_previous = offsets, after_previous
         ends: list[int] = np.cumsum(offsets[:, -1]).tolist()
@@ -85,3 +85,23 @@ class ManyRequests(Sequence[Requests]):
         rows = slice(begin, begin + own[-1])
         both = np.concatenate([self.asks[rows], self.drawn[rows]], axis=1)
         return Requests(both, own, self.after_previous)
+
+
+def joined_episodes(groups: Sequence[Sequence[Requests]]) -> Sequence[Requests]:
+    """Return the requests of groups of users in several episodes, in the order of the groups."""
+    if len(groups) == 1:
+        return groups[0]
+    tables = [own for own in groups if isinstance(own, ManyRequests)]
+    if len(tables) < len(groups):
+        return [joined_requests(parts) for parts in zip(*groups, strict=True)]
+    counts = np.array([own.offsets[:, -1] for own in tables])
+    episodes = np.tile(np.arange(counts.shape[1]), len(tables))
+    order = np.argsort(np.repeat(episodes, counts.reshape(-1)), kind="stable")
+    before = np.cumsum(counts, axis=0) - counts
+    ends = [own.offsets[:, 1:] + first[:, None] for own, first in zip(tables, before, strict=True)]
+    return ManyRequests(
+        np.concatenate([own.asks for own in tables])[order],
+        np.concatenate([own.drawn for own in tables])[order],
+        np.concatenate([tables[0].offsets[:, :1], *ends], axis=1),
+        np.concatenate([own.follows for own in tables]),
+    )
