@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, did_you_mean
-from desim_uav.records import TABLES, Columns, arrow_schema, misfit
+from desim_uav.records import NULLABLE, TABLES, Columns, arrow_schema, misfit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,6 +101,7 @@ def as_frame(table: pa.Table, columns: dict[str, str]) -> pd.DataFrame:
     frame = table.to_pandas(ignore_metadata=True)
     if isinstance(columns, Columns):
         columns = columns.among(table.column_names)
-    for name in (name for name, dtype in columns.items() if dtype == "Int64"):
-        frame[name] = table[name].to_pandas(types_mapper=lambda _: pd.Int64Dtype())
+    for name in (name for name, dtype in columns.items() if dtype in NULLABLE):
+        kind = pd.Int64Dtype() if columns[name] == "Int64" else pd.BooleanDtype()
+        frame[name] = table[name].to_pandas(types_mapper=lambda _, kind=kind: kind)
     return frame

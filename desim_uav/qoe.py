@@ -2,8 +2,9 @@
 
 The basic columns of a request are its times, ``requested_s`` and ``served_s``, and for services
 that ask for a volume ``requested_mbit`` and ``delivered_mbit``; if services have several stages,
-``stages``, ``stages_done`` and ``stage_done``. ``derive`` computes the other columns from them, and
-``summary`` averages them. The definitions are in ``docs/explanation/model.md``.
+``stages``, ``stages_done`` and ``stage_done``; for tasks those of ``records.TASKS``. ``derive``
+computes the other columns from them, and ``summary`` averages them. The definitions are in
+``docs/explanation/model.md``.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 OUTCOMES = ("completed", "unfinished", "never_served")
+"""The outcomes of requests in every run; those that are dropped at a deadline are LATE."""
+LATE = "late"
 SUMMED = (
     *("t_request_s", "t_end_s", "attached_s", "wait_s", "completion_s", "outcome"),
     *("qoe1", "qoe1_feasible", "qoe2_iterations", "interruptions", "handovers"),
@@ -28,6 +31,9 @@ AVERAGED = {
     "completion_s": ("completion_s", 1),
 }
 """The measures that are means, each with its column and a factor."""
+
+PARTS = ("waiting_s", "sending_s", "computing_s", "own_s")
+"""The parts of the delay of tasks, which are means over those that were completed."""
 
 COUNTED = ("interruptions", "handovers")
 TOLERANCE_S = 1e-6
@@ -45,7 +51,9 @@ def inconsistency(requests: pd.DataFrame) -> str | None:
         "served_s exceeds requested_s, or the time the request was open": (
             requests["served_s"] > most_s + TOLERANCE_S
         ),
-        f"outcome is not one of {', '.join(OUTCOMES)}": ~requests["outcome"].isin(OUTCOMES),
+        f"outcome is not one of {', '.join((*OUTCOMES, LATE))}": (
+            ~requests["outcome"].isin((*OUTCOMES, LATE))
+        ),
     }
     for problem, rows in tests.items():
         if rows.any():
@@ -75,7 +83,7 @@ def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float)
         derived["qoe1"] = derived["qoe1"].fillna(delivered / requests["requested_mbit"])
         derived["throughput_kbps"] = 1000 * delivered / open_s.where(open_s > 0)
     if "stages" in requests:
-        several = requests["stages"] > 1
+        several = (requests["stages"] > 1) | derived["qoe1"].isna()
         share = (requests["stages_done"] + requests["stage_done"]) / requests["stages"]
         derived["qoe1"] = share.where(several, derived["qoe1"])
     feasible_s = requests["requested_s"].clip(upper=left_s)
@@ -144,9 +152,12 @@ class Totals:
         self._open_s = self._attached_s = 0.0
         self._counts = dict.fromkeys((*COUNTED, *OUTCOMES), 0)
         self._fairness = Fairness()
+        self._tasks: Tasks | None = None
 
     def add(self, requests: pd.DataFrame) -> Totals:
         """Add requests; itself."""
+        if "late" in requests:
+            self._tasks = (self._tasks or Tasks()).add(requests)
         column = {name: requests[name].to_numpy() for name in SUMMED}
         self._count += len(requests)
         for name, (source, factor) in AVERAGED.items():
@@ -177,6 +188,40 @@ class Totals:
             **{name: self._counts[name] for name in COUNTED},
             "fairness": self._fairness.value(),
             **{outcome: self._counts[outcome] for outcome in OUTCOMES},
+            **(self._tasks.summary() if self._tasks else {}),
+        }
+
+
+class Tasks:
+    """Running measures of requests that are tasks, for ``Totals``; their delays are kept."""
+
+    def __init__(self) -> None:
+        self._delays: list[NDArray[np.float64]] = []
+        self._parts = {name: Mean() for name in PARTS}
+        self._met = self._late = self._dropped = self._restarts = 0
+
+    def add(self, requests: pd.DataFrame) -> Tasks:
+        """Add requests; itself."""
+        done = requests[requests["outcome"] == "completed"]
+        self._delays.append(done["completion_s"].to_numpy())
+        for name, mean in self._parts.items():
+            mean.add(done[name].to_numpy())
+        late = requests["late"].dropna()
+        self._late += int(late.sum())
+        self._met += int((~late).sum())
+        self._dropped += int((requests["outcome"] == LATE).sum())
+        self._restarts += int(requests["restarts"].sum())
+        return self
+
+    def summary(self) -> dict[str, Any]:
+        """Return the measures of all added requests."""
+        delays_s, decided = np.concatenate(self._delays), self._met + self._late
+        return {
+            "completion_p95_s": float(np.percentile(delays_s, 95)) if len(delays_s) else None,
+            **{name: mean.value() for name, mean in self._parts.items()},
+            "deadlines_met_percent": 100 * self._met / decided if decided else None,
+            "restarts": self._restarts,
+            LATE: self._dropped,
         }
 
 

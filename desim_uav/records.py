@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 TEXT, LIST = "str", "object"
-INT, FLOAT, BOOL = "int64", "float64", "bool"
+INT, FLOAT, BOOL, MAYBE = "int64", "float64", "bool", "boolean"
+NULLABLE = ("Int64", MAYBE)
+"""The types of columns that have pandas' own null value."""
 
 
 class Columns(dict[str, str]):
@@ -68,10 +70,38 @@ STAGES = Columns(
     ),
 )
 
+TASKS = Columns(
+    "If a service has tasks, which need a processor or have a deadline:",
+    gigacycles=(FLOAT, "The cycles of a processor that the request needs, in 10^9."),
+    offloaded=(FLOAT, "The part of it that is offloaded, from 0 to 1."),
+    waiting_s=(FLOAT, "Seconds for which the request was open, but neither sent nor computed."),
+    sending_s=(FLOAT, "Seconds for which its input or its result was sent."),
+    computing_s=(FLOAT, "Seconds for which a drone or an access point computed it."),
+    own_s=(FLOAT, "Seconds for which the user's own processor computed it."),
+    restarts=(INT, "How often it began anew because a drone that had received it crashed."),
+    deadline_s=(FLOAT, "When the request is late. Null if it has no deadline."),
+    late=(
+        MAYBE,
+        "Whether it was not done by its deadline. Null if it has none, or if the deadline is after "
+        "the episode's end and the request was not completed.",
+    ),
+)
+
+OWN = Columns(
+    "If users have a processor:",
+    user_j=(
+        FLOAT,
+        "What the user's device used for it, in J: for the cycles that it did itself, and for "
+        "sending the input.",
+    ),
+)
+
 REQUESTS = Columns(
     "One row per request. Every request that was made is there, also if it was never served.",
     VOLUMES,
     STAGES,
+    TASKS,
+    OWN,
     episode=_EPISODE,
     request_id=(INT, "The number of the request in its episode, from 0."),
     user=(INT, "The number of the user, from 0."),
@@ -97,7 +127,10 @@ REQUESTS = Columns(
     interruptions=(INT, "How often service stopped and the request then went unserved for a time."),
     handovers=(INT, "How often the request went from one drone to another."),
     drones=(LIST, "The drones that served the request, in order, without immediate repetitions."),
-    outcome=(TEXT, "`completed`, `unfinished` or `never_served`."),
+    outcome=(
+        TEXT,
+        "`completed`, `unfinished` or `never_served`; `late` if it was dropped at its deadline.",
+    ),
     qoe1=(
         FLOAT,
         "What was served over what was requested, of time or volume, from 0 to 1. For a request of "
@@ -365,6 +398,7 @@ def arrow_schema(columns: dict[str, str]) -> pa.Schema:
         "Int64": pa.int64(),
         FLOAT: pa.float64(),
         BOOL: pa.bool_(),
+        MAYBE: pa.bool_(),
     }
     return pa.schema([(name, types[dtype]) for name, dtype in columns.items()])
 
@@ -381,6 +415,7 @@ def misfit(columns: dict[str, str], table: pa.Table) -> str | None:
         "Int64": (types.is_integer,),
         FLOAT: (types.is_floating,),
         BOOL: (types.is_boolean,),
+        MAYBE: (types.is_boolean,),
     }
     if isinstance(columns, Columns):
         columns = columns.among(table.column_names)

@@ -15,6 +15,7 @@ from desim_uav.copies import Unchanging
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
 from desim_uav.links import Links, links_of
+from desim_uav.model.catalogue import Catalogue, catalogue
 from desim_uav.model.demand.asking import RowDemand, RowDraws
 from desim_uav.model.demand.demand import requests_of
 from desim_uav.model.demand.requests import Requests
@@ -29,7 +30,6 @@ from desim_uav.model.motion.space import require_free
 from desim_uav.model.observations import Feature
 from desim_uav.model.random.streams import Purpose, Seeds, states_of
 from desim_uav.model.rules import US, Choice
-from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
 from desim_uav.placement import draw_buildings, draw_clusters, draw_homes
 from desim_uav.registry import naming_plug_ins
@@ -220,7 +220,10 @@ class World(Unchanging):
         demand: Any = self.scenario.demand
         if not works_on_rows(demand, RowDemand):
             return None
-        return RowDraws(demand, self.services, self.horizon_us, self.scenario.most_bps)
+        # What users compute themselves is sent nowhere, so that no rate bounds its time.
+        alone = self.services.computes and self.scenario.offloading.alone
+        most_bps = 0 if alone else self.scenario.most_bps
+        return RowDraws(demand, self.services, self.horizon_us, most_bps)
 
     @cached_property
     def _homes_on_map(self) -> NDArray[np.float64]:

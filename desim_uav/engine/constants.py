@@ -9,11 +9,12 @@ import numpy as np
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.courses import space_row
 from desim_uav.links import Links
+from desim_uav.model.catalogue import StageRow
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import move_of
-from desim_uav.model.services import StageRow, Terms
+from desim_uav.model.services import Terms
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules.rows import (
@@ -126,8 +127,11 @@ def _set_links(constants: Constants, world: World) -> None:
     constants.points = Table(fill(PointRow, (*point.at_m, point.height_m)) for point in points)
     constants.radios = Table(map(_radio, world.links))
     if world.services.has_tasks:
-        constants.processors = Table(map(_processor, world.processors))
+        in_joules = [own.in_joules for own in world.types] + [False] * len(points)
+        constants.processors = Table(map(_processor, world.processors, in_joules))
         constants.terms = Table(map(_terms, world.services.terms))
+        own = scenario.users.processor
+        constants.clocks = Table([0 if own is None else own.clock] * len(world.homes))
     constants.draws = world.services.draws
     constants.first_stages = Table(world.services.first_stages)
     constants.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)
@@ -145,20 +149,26 @@ def _radio(links: Links) -> RadioRow:
     return row
 
 
-def _processor(processor: Processor | None) -> ProcessorRow:
-    """Return the processor of a drone or access point as a row, without its functions."""
+def _processor(processor: Processor | None, holds_energy: bool) -> ProcessorRow:
+    """Return the processor of a drone or access point as a row, without its functions.
+
+    ``holds_energy`` says that it is supplied by a battery that is measured in microjoules.
+    """
     row = blank(ProcessorRow)
     if processor is not None:
         row.cores, row.clock = processor.cores, processor.clock
         row.by_deadline = int(processor.sharing.by_deadline)
         row.on_ground = int(processor.on_ground)
+        if holds_energy:
+            row.core_uw = round(processor.core_w * 1e6)
+            row.idle_uw = round(processor.electronics_w * 1e6)
     return row
 
 
 def _terms(terms: Terms) -> TermsRow:
     """Return the terms of a service as a row."""
     deadline_us = NEVER if terms.deadline_us is None else terms.deadline_us
-    return fill(TermsRow, (deadline_us, int(terms.drops), int(terms.restarts)))
+    return fill(TermsRow, (deadline_us, *map(int, terms[1:])))
 
 
 def whole_hz(bandwidth_hz: float) -> int:

@@ -28,7 +28,10 @@ from desim_uav.rules.whole_state import names_of, write_state
 from desim_uav.rules.words import (
     EVENT_KINDS,
     NEVER,
+    NO_SHARE,
     OF_PAIRS,
+    ON_COMPLETE,
+    ON_LATE,
     ON_LEG,
     ON_STAGE,
     OVERBOOKED,
@@ -38,6 +41,8 @@ from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
 PHASES = (None, *Phase)
+ENDED = {ON_COMPLETE: Outcome.COMPLETED, ON_LATE: Outcome.LATE}
+"""The outcomes of requests by the kind of event that closes them, if that says it."""
 AS_LOGGED, AS_CLOSED = attrgetter(*base.Step._fields), attrgetter(*Closed.kinds)
 AS_AT_POINT = attrgetter(*base.PointStep._fields)
 
@@ -118,6 +123,9 @@ class Engine(CarryOver):
                 f"{list(self.entries('rewards'))} of the terms {self.terms()}; a reward must be a "
                 f"number between -{LARGEST_REWARD:g} and {LARGEST_REWARD:g}"
             )
+        if faults & NO_SHARE:
+            name = type(scenario.offloading).__name__
+            raise SimulationError(f"offloading {name!r} gave a share that is not from 0 to 1")
         if faults & OVERBOOKED:
             rules = {type(drones.admission).__name__ for drones in scenario.fleet}
             name = "' or '".join(sorted(rules))
@@ -258,8 +266,7 @@ class Engine(CarryOver):
             self._served_by.setdefault(handover.number, []).append(handover.drone)
         for closed in self.entries("closed"):
             outcome = Outcome.UNFINISHED if closed.served_us else Outcome.NEVER_SERVED
-            if closed.done == closed.required:
-                outcome = Outcome.COMPLETED
+            outcome = ENDED.get(closed.kind, outcome)
             drones = self._served_by.pop(closed.request_id, [])
             request = base.ClosedRequest(*AS_CLOSED(closed), drones, outcome)
             served = closed.t_first_us >= 0

@@ -7,6 +7,7 @@ from typing import Any
 
 from desim_uav.experiment.run import headline, run
 from desim_uav.model.energy.battery import in_joules
+from desim_uav.model.services import is_task
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, policy_name
 from desim_uav.scenario.schema import Scenario
@@ -25,13 +26,21 @@ MEASURES = (
 ENERGY = "j_per_mbit"
 """One more measure, if all batteries hold energy: that used in flight over what was served."""
 
+OF_TASKS = ("completion_s", "deadlines_met_percent")
+"""More measures, if services have tasks: their mean delay, and how many met their deadline."""
+
+SOMETIMES = (ENERGY, *OF_TASKS)
+"""The measures that only some scenarios have."""
+
 
 def measures_of(*scenarios: Scenario) -> tuple[str, ...]:
     """Return the names of the measures of replications in some scenarios, in any of them."""
     has_energy = any(
         all(in_joules(drones.battery) for drones in scenario.fleet) for scenario in scenarios
     )
-    return (*MEASURES, ENERGY) if has_energy else MEASURES
+    names = (*MEASURES, ENERGY) if has_energy else MEASURES
+    services = [service for scenario in scenarios for service in scenario.services.values()]
+    return (*names, *OF_TASKS) if any(map(is_task, services)) else names
 
 
 def evaluate(

@@ -19,7 +19,7 @@ from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import ClosedRequest, EpisodeLog
 from desim_uav.model.energy.battery import WH_UJ
 from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
-from desim_uav.model.rules import US, Mode
+from desim_uav.model.rules import NEVER, US, Mode, Outcome
 from desim_uav.model.sums import in_order
 from desim_uav.records import (
     AIMED,
@@ -33,17 +33,20 @@ from desim_uav.records import (
     LEGS,
     LINKS,
     OTHERS,
+    OWN,
     POINTS,
     REQUESTS,
     STAGES,
     STEPS,
     STORED,
+    TASKS,
     USERS,
     VOLUMES,
     to_frame,
 )
 from desim_uav.report.links import mean_rate_bps
 from desim_uav.sample_path import SamplePath
+from desim_uav.scenario.processor import UserProcessor
 from desim_uav.world import World
 
 DERIVED = (
@@ -52,6 +55,8 @@ DERIVED = (
 )
 UBIT = 10**12
 """The millionths of a bit in a Mbit."""
+MILLICYCLES = 10**12
+"""The thousandths of a cycle in 10^9 cycles."""
 
 
 def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
@@ -59,7 +64,10 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     names = world.services.names
     has_volumes, stages = world.services.has_volumes, world.services.stages
     several = world.services.several_stages
-    columns = REQUESTS.among((*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ())))
+    tasks = world.services.has_tasks
+    more = (*(VOLUMES if any(has_volumes) else ()), *(STAGES if several else ()))
+    own = world.scenario.users.processor
+    columns = REQUESTS.among((*more, *(TASKS if tasks else ()), *(OWN if own else ())))
     basic = {name: dtype for name, dtype in columns.items() if name not in DERIVED}
     rows = (
         (
@@ -79,6 +87,8 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
             r.attached_us / US,
             *_volumes(r, has_volumes[r.service]) * any(has_volumes),
             *_stages(r, len(stages[r.service])) * several,
+            *_task(r) * tasks,
+            *((_user_j(r, own),) if own else ()),
         )
         for log in logs
         for r in log.requests
@@ -95,9 +105,41 @@ def _volumes(request: ClosedRequest, has_volumes: bool) -> tuple[float | None, .
 
 def _stages(request: ClosedRequest, count: int) -> tuple[float, ...]:
     """Return the number of stages, how many of them are done, and the share done of the next."""
-    if request.done == request.required:
+    count = count * (request.part > 0.0) + (request.own_us > 0)
+    if request.outcome == Outcome.COMPLETED:
         return count, count, 0.0
-    return count, request.stage, request.done / request.required
+    done = request.own_share
+    if request.part > 0.0:
+        done += request.done / request.required
+    whole = int(done)
+    return count, request.stage + whole, done - whole
+
+
+def _task(request: ClosedRequest) -> tuple[Any, ...]:
+    """Return what belongs to a request as a task, in the order of the columns ``TASKS``."""
+    deadline_us, open_us = request.deadline_us, request.t_end_us - request.t_request_us
+    completed = request.outcome == Outcome.COMPLETED
+    late, deadline_s = None, None if deadline_us == NEVER else deadline_us / US
+    if deadline_us < NEVER and completed:
+        late = request.t_end_us > deadline_us
+    elif deadline_us <= request.t_end_us:
+        late = True
+    return (
+        request.asked_cycles / MILLICYCLES,
+        request.part,
+        (open_us - request.served_us) / US,
+        request.sending_us / US,
+        request.computing_us / US,
+        request.own_us / US,
+        request.restarts,
+        deadline_s,
+        late,
+    )
+
+
+def _user_j(request: ClosedRequest, own: UserProcessor) -> float:
+    """Return what a user's device used for a task, in J."""
+    return float(own.busy_w * request.own_us + own.transmit_w * request.uplink_us) / US
 
 
 STEP_VALUES: dict[str, Callable[[Any], Any]] = {

@@ -112,6 +112,7 @@ class Outcome(StrEnum):
     COMPLETED = "completed"
     UNFINISHED = "unfinished"
     NEVER_SERVED = "never_served"
+    LATE = "late"
 
 
 # Each mode is in AIRBORNE or in GROUNDED, unless the drone has crashed, and may be in the others.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -13,8 +12,6 @@ from numpy.typing import NDArray
 
 from desim_uav.model.rules import US
 from desim_uav.registry import register
-from desim_uav.rowcode.kernels import rule
-from desim_uav.rowcode.rows import Row, row
 
 MICROBITS = 10**12
 """The millionths of a bit in a megabit."""
@@ -35,9 +32,10 @@ RESOURCES = (LINK, PROCESSOR)
 """The resources of stages: the link of a user to the drone or access point it is attached to, and
 the processor of the one to which it was attached when the stage began."""
 
-WAITING, SHARING, COMPUTING = range(3)
+WAITING, SHARING, COMPUTING, NOWHERE = range(4)
 """The lines of a drone in which requests stand, by what their stages need: a rate that is held, for
-which they wait until it fits, what is left of the bandwidth, which they share, or its processor."""
+which they wait until it fits, what is left of the bandwidth, which they share, or its processor. A
+task of which no part is at a drone, because its user computes it or the rest of it, is in none."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +68,13 @@ class Terms(NamedTuple):
     """What holds for all requests for a service: a deadline, and what a handover does to them.
 
     A request is late ``deadline_us`` after it was made (None: never); if it ``drops``, it is closed
-    then. If it ``restarts``, what was sent to one drone is of no use at another one.
+    then, unless it ``stays_begun`` and a processor has begun to compute it. If it ``restarts``,
+    what was sent to one drone is of no use at another one.
     """
 
     deadline_us: int | None = None
     drops: bool = False
+    stays_begun: bool = False
     restarts: bool = False
 
 
@@ -126,6 +126,16 @@ def amount_of(service: Service, stage: Stage) -> Amount:
     return Amount(least * scale // per, mean * scale / per, most * scale // per)
 
 
+def rate_of(stage: Stage, most_bps: int, clock: int) -> int:
+    """Return how much of a stage can be done in a microsecond.
+
+    Links have ``most_bps`` in bit/s, and cores ``clock`` thousandths of a cycle per microsecond.
+    """
+    if stage.resource == PROCESSOR:
+        return clock
+    return 1 if stage.timed else most_bps
+
+
 def rates_bps(service: Service, stage: Stage) -> NDArray[np.int64]:
     """Return the rates in bit/s that a stage of a service can hold; 0 if it holds none."""
     none = np.zeros(1, np.int64)
@@ -145,6 +155,11 @@ def has_volumes(service: Service) -> bool:
 def computes(service: Service) -> bool:
     """Return whether requests for a service need a processor in one of their stages."""
     return any(stage.resource == PROCESSOR for stage in service.stages())
+
+
+def is_task(service: Service) -> bool:
+    """Return whether requests need a processor, have a deadline, or lose what they have sent."""
+    return computes(service) or terms_of(service) != NO_TERMS
 
 
 def is_one_time(service: Service) -> bool:
@@ -260,14 +275,18 @@ class Compute:
 
     input_mbit: Annotated[tuple[Annotated[float, Ge(1e-6), Le(1e6)], ...], MinLen(1)]
     """The sizes of the input, in Mbit, rounded to whole bits."""
-    cycles_per_bit: Annotated[tuple[Annotated[float, Ge(0.001), Le(1e12)], ...], MinLen(1)]
+    cycles_per_bit: Annotated[tuple[Annotated[float, Ge(0.001), Le(1e9)], ...], MinLen(1)]
     """The cycles that a bit of the input takes, rounded to thousandths of a cycle."""
     output_mbit: Annotated[tuple[Annotated[float, Ge(0), Le(1e6)], ...], MinLen(1)] = (0.0,)
     """The sizes of the result, in Mbit, rounded to whole bits; 0: nothing comes down."""
+    bandwidth_kbps: Annotated[tuple[Annotated[float, Ge(0.001)], ...], MinLen(1)] | None = None
+    """The rates that a task can hold on its link, in kbit/s: for the sharing `held` only."""
     deadline_s: Annotated[float, Ge(1e-6), Le(1e9)] | None = None
     """A task is late so many seconds after it was made; null means never."""
-    on_deadline: Literal["count", "drop"] = "count"
-    """What happens to late tasks: they go on, or are closed at that instant."""
+    on_deadline: Literal["count", "drop", "leave"] = "count"
+    """What happens to late tasks: they go on (count), are closed at that instant (drop), or are
+    closed if no processor has begun to compute them (leave).
+    """
     handover: Literal["resume", "restart"] = "resume"
     """Whether bits that were sent to one drone count at another one, or are sent anew."""
 
@@ -277,21 +296,24 @@ class Compute:
             "input_mbit": _scaled(self.input_mbit, 10**6),
             "cycles_per_bit": _scaled(self.cycles_per_bit, 1000),
             "output_mbit": _scaled(self.output_mbit, 10**6),
+            "bandwidth_kbps": _bps(self.bandwidth_kbps or (0,)),
         }
 
     def stages(self) -> tuple[Stage, ...]:
         """Return the stages: the link up, the processor and, with a result, the link down."""
+        rate = "bandwidth_kbps" if self.bandwidth_kbps else None
         task = (
-            Stage("input_mbit", scale=UBIT_PER_BIT),
+            Stage("input_mbit", rate=rate, scale=UBIT_PER_BIT),
             Stage("input_mbit", times="cycles_per_bit", resource=PROCESSOR),
         )
-        down = (Stage("output_mbit", scale=UBIT_PER_BIT),)
+        down = (Stage("output_mbit", rate=rate, scale=UBIT_PER_BIT),)
         return task + down if any(self.output_mbit) else task
 
     def terms(self) -> Terms:
         """Return the deadline, and what a handover does."""
         deadline_us = None if self.deadline_s is None else round(self.deadline_s * US)
-        return Terms(deadline_us, self.on_deadline == "drop", self.handover == "restart")
+        late = self.on_deadline
+        return Terms(deadline_us, late != "count", late == "leave", self.handover == "restart")
 
 
 PAPER: dict[str, Service] = {
@@ -300,142 +322,3 @@ PAPER: dict[str, Service] = {
     "data_gathering": UniformChoice((2,), (24, 48, 72, 96, 192)),
 }
 """The three services of the paper."""
-
-
-# ---- services as arrays and rows
-
-FEWEST_DRAWS = 2
-"""Each request draws so many numbers at least, of which those that it does not need are 0."""
-
-
-@row
-class StageRow(Row):
-    """A stage as a row (see ``Stage``), in which lists of values have numbers; -1: there is none.
-
-    ``line`` is the number of the line of a drone in which a request stands in this stage.
-    """
-
-    line: int
-    timed: int
-    amount: int
-    times: int
-    per: int
-    rate: int
-    scale: int
-
-
-@rule
-def drawn_amount(stage: StageRow, values: Any, first: int) -> int:
-    """Return the amount of a stage, given the values that are drawn, from number ``first`` on."""
-    amount: int = values[first + stage.amount]
-    if stage.times >= 0:
-        amount = amount * values[first + stage.times]
-    if stage.scale > 1:
-        amount = amount * stage.scale
-    if stage.per > 1:  # a division takes as long as the rest
-        amount = amount // stage.per
-    return amount
-
-
-@dataclass(frozen=True, eq=False)
-class Catalogue:
-    """The services of a scenario as arrays, with one row per service in the order of ``names``.
-
-    ``share``: (services,), the cumulative probabilities of the mix. ``values``: (services, lists,
-    longest), of which list k of service s has ``sizes[s, k]`` equally likely values; ``least`` and
-    ``most`` (services, lists) are the range of what a demand model may ask for instead.
-    ``stages[s]`` are the stages of service s, as the fields of a ``StageRow``.
-    """
-
-    names: tuple[str, ...]
-    share: NDArray[np.float64]
-    sizes: NDArray[np.int64]
-    values: NDArray[np.int64]
-    least: NDArray[np.int64]
-    most: NDArray[np.int64]
-    stages: tuple[tuple[tuple[int, ...], ...], ...]
-    terms: tuple[Terms, ...]
-
-    @property
-    def draws(self) -> int:
-        """The largest number of values that a request draws."""
-        return int(self.sizes.shape[1])
-
-    @property
-    def has_volumes(self) -> tuple[bool, ...]:
-        """Whether requests for each service ask for a volume in one of their stages."""
-        return tuple(
-            any(line != COMPUTING and not timed for line, timed, *_ in own) for own in self.stages
-        )
-
-    @property
-    def has_tasks(self) -> bool:
-        """Whether a request can need a processor, have a deadline, or lose what it has sent."""
-        return self.computes or any(terms != NO_TERMS for terms in self.terms)
-
-    @property
-    def computes(self) -> bool:
-        """Whether a request can need a processor."""
-        return any(line == COMPUTING for own in self.stages for line, *_ in own)
-
-    @property
-    def several_stages(self) -> bool:
-        """Whether there is a service of more than one stage."""
-        return any(len(own) > 1 for own in self.stages)
-
-    @property
-    def first_stages(self) -> list[int]:
-        """The number of the first stage of each service, and at last that of all stages."""
-        return list(accumulate(map(len, self.stages), initial=0))
-
-
-def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Catalogue:
-    """Return the services as arrays; ``mix`` maps their names to weights, which are normalised."""
-    names = tuple(services)
-    weights = np.array([mix.get(name, 0.0) for name in names])
-    share = np.cumsum(weights / weights.sum())
-    share[np.flatnonzero(weights)[-1] :] = 1.0
-    none = [np.zeros(1, np.int64)]
-    lists = [list(service.values().values()) for service in services.values()]
-    lists = [own + none * (FEWEST_DRAWS - len(own)) for own in lists]
-    sizes = np.zeros((len(names), max(map(len, lists))), np.int64)
-    values = np.zeros((*sizes.shape, max(len(one) for own in lists for one in own)), np.int64)
-    for s, own in enumerate(lists):
-        for k, one in enumerate(own):
-            sizes[s, k], values[s, k, : len(one)] = len(one), one
-    stages = tuple(_stage_rows(service) for service in services.values())
-    least, most = np.zeros_like(sizes), np.full_like(sizes, MOST_BPS)
-    for s, rows in enumerate(stages):
-        for _, _, amount, *_ in rows:
-            least[s, amount] = len(rows) == 1
-            most[s, amount] = MOST_REQUIRED
-        for _, _, amount, times, *_, scale in rows:
-            multiplied = [amount, times] if times >= 0 else [amount] * (scale > 1)
-            most[s, multiplied] = values[s, multiplied].max(axis=1)
-    terms = tuple(map(terms_of, services.values()))
-    return Catalogue(names, share, sizes, values, least, most, stages, terms)
-
-
-def _stage_rows(service: Service) -> tuple[tuple[int, ...], ...]:
-    """Return the stages of a service as the fields of rows."""
-    number = {name: k for k, name in enumerate(service.values())}
-    number[""] = -1
-    return tuple(
-        (
-            _line(stage),
-            int(stage.timed),
-            number[stage.amount],
-            number[stage.times or ""],
-            stage.per,
-            number[stage.rate or ""],
-            stage.scale,
-        )
-        for stage in service.stages()
-    )
-
-
-def _line(stage: Stage) -> int:
-    """Return the line in which requests stand in a stage."""
-    if stage.resource == PROCESSOR:
-        return COMPUTING
-    return SHARING if stage.rate is None else WAITING

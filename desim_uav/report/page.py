@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
@@ -105,9 +105,12 @@ def tiles(pairs: Iterable[tuple[str, str]]) -> markup.Html:
     return markup.tag("dl", markup.joined(entries), class_="tiles")
 
 
-def qoe_table(by: str, rows: Sequence[dict[str, Any]]) -> markup.Html:
+def qoe_table(
+    by: str,
+    rows: Sequence[dict[str, Any]],
+    looks: Mapping[str, tuple[str, str]] = MEASURES | OF_EPISODES,
+) -> markup.Html:
     """Return a table of the measures of groups of requests, as in ``desim-uav qoe``."""
-    looks = MEASURES | OF_EPISODES
     columns = {name: look for name, look in looks.items() if any(name in row for row in rows)}
     headings = [by, *(heading(label) for label, _ in columns.values())]
     return markup.table(

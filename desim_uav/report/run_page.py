@@ -22,7 +22,7 @@ from desim_uav.report.page import (
     scenario_section,
     tiles,
 )
-from desim_uav.report.text import MEASURES
+from desim_uav.report.text import MEASURES, TASKS
 from desim_uav.report.worst import worst_requests
 
 MOST_EPISODES = 200
@@ -69,13 +69,15 @@ def _quality(run: Reported) -> Html:
             ("energy used", f"{number(summary['energy_wh'], '.1f')} Wh"),
             ("per Mbit served", f"{number(summary['j_per_mbit'], '.1f') or '-'} J"),
         ]
-    every = {"service": "all"} | {name: summary[name] for name in MEASURES}
+    there = [name for name in (*MEASURES, *TASKS) if name in summary]
+    every = {"service": "all"} | {name: summary[name] for name in there}
     rows = [every, *qoe.grouped(run.counted("requests"), "service")]
     return joined(
         [
             tiles(first),
             tag("h3", "By service"),
             qoe_table("service", rows),
+            qoe_table("service", rows, TASKS) if "deadlines_met_percent" in every else None,
             paragraph(
                 "QoE1: the share of the requested time that was served, a mean over requests. "
                 "QoE2: the time a request was open and not served, in steps. QoE3: the share of "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from rich import box
@@ -51,10 +51,32 @@ COMPARED = {
 OF_ENERGY = {"j_per_mbit": ("J per Mbit", ".2f")}
 """The same for what is measured if batteries hold energy."""
 
+OF_SOME = OF_ENERGY | {
+    "completion_s": ("delay s", ".3f"),
+    "deadlines_met_percent": ("in time %", ".2f"),
+}
+"""The same for what is measured in some scenarios only."""
+
+LOOKS = COMPARED | OF_SOME
+"""The headings and formats of all measures of a comparison."""
+
+TASKS = {
+    "completion_s": ("delay\ns", ".3f"),
+    "completion_p95_s": ("95 % of\ndelays s", ".3f"),
+    "waiting_s": ("waiting\ns", ".3f"),
+    "sending_s": ("sending\ns", ".3f"),
+    "computing_s": ("comp-\nuting s", ".3f"),
+    "own_s": ("own\ns", ".3f"),
+    "deadlines_met_percent": ("in time\n%", ".1f"),
+    "late": ("drop-\nped", "d"),
+    "restarts": ("begun\nanew", "d"),
+}
+"""The headings and formats of the measures of tasks, in a table of their own."""
+
 
 def compared(there: Collection[str]) -> dict[str, tuple[str, str]]:
     """Return the headings and formats of those measures of a comparison that are there."""
-    return {name: look for name, look in (COMPARED | OF_ENERGY).items() if name in there}
+    return {name: look for name, look in LOOKS.items() if name in there}
 
 
 def print_table(table: Table) -> None:
@@ -68,6 +90,7 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     rows = [{"service": "all"} | summary, *by_service]
     title = "{scenario}, {policy}, seed {seed}{world}: {episodes} episode(s), {crashes} crash(es)"
     _print("service", rows, title.format(**summary, world=in_world(summary)))
+    _print_tasks("service", rows)
     if "link_handovers" in summary:
         tell(links_in_words(summary))
     if "conflicts" in summary:
@@ -189,6 +212,7 @@ def print_summary(summary: dict[str, Any]) -> None:
 def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
     """Print a row for each group of requests."""
     _print(by, rows, "")
+    _print_tasks(by, rows)
 
 
 def print_comparison(comparison: dict[str, Any]) -> None:
@@ -257,7 +281,15 @@ def estimate_cells(estimate: dict[str, Any], form: str) -> tuple[str, ...]:
     return str(estimate["n"]), mean, f"± {half_width}", interval, outside
 
 
-def _print(by: str, rows: list[dict[str, Any]], title: str) -> None:
+def _print_tasks(by: str, rows: list[dict[str, Any]]) -> None:
+    """Print the measures of tasks, if there are tasks."""
+    if "deadlines_met_percent" in rows[0]:
+        _print(by, rows, "", TASKS)
+
+
+def _print(
+    by: str, rows: list[dict[str, Any]], title: str, every: Mapping[str, Any] = MEASURES
+) -> None:
     table = Table(
         title=_text(title) if title else None,
         box=box.SIMPLE_HEAD,
@@ -265,7 +297,7 @@ def _print(by: str, rows: list[dict[str, Any]], title: str) -> None:
         title_justify="left",
     )
     table.add_column(by, no_wrap=True)
-    looks = {name: look for name, look in MEASURES.items() if any(name in row for row in rows)}
+    looks = {name: look for name, look in every.items() if any(name in row for row in rows)}
     for heading, _ in looks.values():
         table.add_column(heading, justify="right")
     for row in rows:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from desim_uav.model.services import COMPUTING, SHARING
+from desim_uav.model.services import SHARING
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.links import count_handover, unsettle
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.service import count_attached, scan_if_used, stop, wait
 from desim_uav.rules.stages import leave
+from desim_uav.rules.tasks import offload_again
 from desim_uav.rules.words import ON_ATTACH, ON_DETACH
 
 
@@ -27,6 +28,8 @@ def attach(world: Constants, state: State, drone: Drone, user: User, phase: int)
         count_handover(state, drone, user, phase)
         unsettle(state, user)
     if user.request.number >= 0:
+        if state.keeps_tasks:
+            offload_again(world, state, user, phase)
         wait(world, state, drone, user)
 
 
@@ -38,7 +41,7 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
     """
     if user.request.number >= 0:
         count_attached(state, user)
-        if user.request.line != COMPUTING:
+        if user.request.line <= SHARING:
             served = user.request.server >= 0
             if served:
                 stop(state, user, phase)

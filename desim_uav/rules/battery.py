@@ -6,12 +6,15 @@ A charge is a whole number, of microseconds of autonomy or, by some energy model
 from __future__ import annotations
 
 from desim_uav.rowcode.compiled_rows import call_for_int
-from desim_uav.rowcode.kernels import rule
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.due import depletion_slot, due, key, undo
 from desim_uav.rules.rows import Constants, Drone, State, TypeRow
 from desim_uav.rules.separation import part
 from desim_uav.rules.transits import flight_of
 from desim_uav.rules.words import AIRBORNE, CHARGING, DEPLETION, NEVER
+
+MILLION = 1_000_000
+"""The picojoules in a microjoule, as microwatts are picojoules per microsecond."""
 
 # ---- what a drone's type says
 
@@ -72,7 +75,10 @@ def battery_now(world: Constants, state: State, drone: Drone) -> int:
     elapsed_us = state.now_us - drone.since_us
     if drone.mode in AIRBORNE:
         # A model that drains faster than time passes may drain more than is left in a microsecond.
-        return max(0, drone.charge - drain_of(world, drone, elapsed_us))
+        charge = drone.charge - drain_of(world, drone, elapsed_us)
+        if state.keeps_tasks:
+            charge -= _computed_uj(drone, state.now_us)
+        return max(0, charge)
     if drone.mode == CHARGING:
         charge, capacity = drone.charge, capacity_of(world, drone)
         return call_for_int(world.charged, (world, charge, elapsed_us, capacity))
@@ -94,6 +100,8 @@ def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None
 @rule
 def _hold(world: Constants, state: State, drone: Drone) -> None:
     """Update a limited battery to now, and cancel its scheduled depletion."""
+    if state.keeps_tasks:
+        count_computing(state, drone)
     charge = battery_now(world, state, drone)
     count_charge(drone, charge)
     drone.charge, drone.counted = charge, 0
@@ -131,7 +139,64 @@ def refill(world: Constants, drone: Drone) -> None:
 def foresee_depletion(world: Constants, state: State, drone: Drone, span_us: int) -> None:
     """Schedule the depletion of the battery if it does not outlast a leg of ``span_us``."""
     if is_limited(world, drone):
+        drone.span_us = span_us
         lasts = lasts_us(world, drone)
+        if drone.power_uw > 0:
+            lasts = _lasts_computing_us(world, drone, min(lasts, span_us))
         if lasts <= span_us:
             slot = depletion_slot(state, drone.index)
             due(state, slot, drone.since_us + lasts, key(DEPLETION, drone.index, -1))
+
+
+# ---- what a processor draws
+
+
+@rule
+def _computed_uj(drone: Drone, now_us: int) -> int:
+    """Return what a drone's processor has drawn since this was counted last, in microjoules.
+
+    It draws nothing from the battery on the ground, where the station supplies it.
+    """
+    return (drone.power_uw * (now_us - drone.drawn_us) + drone.rest_pj) // MILLION
+
+
+@rare_rule
+def count_computing(state: State, drone: Drone) -> None:
+    """Take what a drone's processor has drawn until now from its battery.
+
+    Less than a microjoule of it is kept for later.
+    """
+    if drone.mode in AIRBORNE:
+        drawn_uj = _computed_uj(drone, state.now_us)
+        drone.rest_pj += drone.power_uw * (state.now_us - drone.drawn_us) - MILLION * drawn_uj
+        drone.charge -= drawn_uj
+        drone.used += drawn_uj
+    drone.drawn_us = state.now_us
+
+
+@rare_rule
+def draw_power(world: Constants, state: State, drone: Drone, power_uw: int) -> None:
+    """Let the processor of a drone draw a power from its battery from now on, in microwatts."""
+    if power_uw != drone.power_uw:
+        count_computing(state, drone)
+        drone.power_uw = power_uw
+        if drone.mode in AIRBORNE:
+            undo(state, depletion_slot(state, drone.index))
+            foresee_depletion(world, state, drone, drone.span_us)
+
+
+@rare_rule
+def _lasts_computing_us(world: Constants, drone: Drone, most_us: int) -> int:
+    """Return after how many µs of its transit a drone's battery is empty while it computes.
+
+    If that is after ``most_us``, one more is returned.
+    """
+    low_us, high_us = drone.drawn_us - drone.since_us, most_us + 1
+    while low_us < high_us:
+        middle_us = (low_us + high_us) // 2
+        left = drone.charge - drain_of(world, drone, middle_us)
+        if left <= _computed_uj(drone, drone.since_us + middle_us):
+            high_us = middle_us
+        else:
+            low_us = middle_us + 1
+    return low_us

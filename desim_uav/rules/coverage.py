@@ -22,7 +22,7 @@ def track(
     """
     drone.until_us = state.now_us + span_us
     if state.keeps_tasks:
-        start_processor(state, drone)
+        start_processor(world, state, drone)
     if world.reuse > 0:
         drone.serving = 1
         drone.ahead.clear()

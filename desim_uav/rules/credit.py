@@ -11,6 +11,7 @@ from __future__ import annotations
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.battery import count_charge
 from desim_uav.rules.rows import Drone, State, User
+from desim_uav.rules.tasks import own_parts
 
 
 @rule
@@ -76,7 +77,7 @@ def credit_service(state: State, user: User) -> None:
         amount = request.done + (state.now_us - request.counted_us) * request.rate
         amount = min(amount, request.required)
         share = float(amount - request.credited) / float(request.required)
-        share /= float(request.stages)
+        share /= float(request.stages + own_parts(state, user))
         request.credited = amount
         credit = state.senders[request.server].credit
         credit.served += share

@@ -8,6 +8,7 @@ from desim_uav.rules import words
 from desim_uav.rules.battery import (
     battery_now,
     count_charge,
+    count_computing,
     is_limited,
     type_of,
 )
@@ -40,6 +41,8 @@ def observe(world: Constants, state: State) -> None:
     for d in range(len(state.drones)):
         drone, observation = state.drones[d], state.observations[d]
         observation.mode = drone.mode
+        if state.keeps_tasks:
+            count_computing(state, drone)
         observation.charge = battery_now(world, state, drone)
         observation.attached_users = drone.attached_users
         observation.used_hz = drone.used_hz

@@ -110,16 +110,23 @@ def deadline_slot(state: State, user: int) -> int:
     return renewal_slot(state) + 1 + user
 
 
+@rule
+def own_slot(state: State, user: int) -> int:
+    """Return the slot for the instant at which a user's own processor is done."""
+    return deadline_slot(state, len(state.users)) + user
+
+
 def slots(state: State) -> int:
     """Return the number of slots for a state.
 
     Only if users are associated ``by_level`` there are those of ``association_slot``, only if there
     are pairs of drones that of ``separation_slot``, only if access points are looked at between
-    two epochs that of ``renewal_slot``, and only if there are tasks those of ``deadline_slot``.
+    two epochs that of ``renewal_slot``, and only if there are tasks those of ``deadline_slot`` and
+    ``own_slot``.
     Those before the last ones that are needed are there too.
     """
     if state.keeps_tasks:
-        return deadline_slot(state, len(state.users))
+        return own_slot(state, len(state.users))
     if state.renews:
         return renewal_slot(state) + 1
     return separation_slot(state) + (1 if len(state.pairs) > 0 else 0)

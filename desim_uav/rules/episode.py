@@ -21,6 +21,7 @@ from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.orientation import orient
 from desim_uav.rules.points import serve_from_points, serve_on
+from desim_uav.rules.power import power
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rewards import clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State
@@ -96,6 +97,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.sharing.clear()
     drone.computing.clear()
     drone.computes = 0
+    drone.drawn_us -= state.now_us
     drone.ahead.clear()
     for service in range(world.services):
         drone.served[service] = drone.asking[service] = 0
@@ -293,6 +295,8 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
         sender.waiting.clear()
         sender.sharing.clear()
         sender.computing.clear()
+        if state.keeps_tasks:
+            power(world, state, sender)
     for d in range(len(state.drones)):
         drone = state.drones[d]
         count_distance(world, state, drone)

@@ -100,6 +100,8 @@ def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None
     refill(world, drone)
     drone.since_us = drone.until_us = state.now_us
     drone.counted_m = 0.0
+    drone.power_uw = drone.rest_pj = 0
+    drone.drawn_us = state.now_us
     hover_at(drone, x, y, 0)
     if drone.off_grid:
         x_m, y_m = (x + 0.5) * world.cell_x_m, (y + 0.5) * world.cell_y_m

@@ -8,9 +8,11 @@ from desim_uav.model.processing import RowProcessing
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.note import note_stage
+from desim_uav.rules.power import power
 from desim_uav.rules.rows import Constants, Drone, State
 from desim_uav.rules.service import give_rate, stop, wait
 from desim_uav.rules.stages import begin_anew, leave, scan_later
+from desim_uav.rules.tasks import progress_of
 
 
 @register("processing", "first_come")
@@ -65,12 +67,13 @@ def serve_first(world: Constants, state: State, drone: Drone, phase: int) -> Non
 
 
 @rare_rule
-def start_processor(state: State, drone: Drone) -> None:
+def start_processor(world: Constants, state: State, drone: Drone) -> None:
     """Let the processor of a drone that serves users compute, if it has stood still."""
     if not drone.computes:
         drone.computes = 1
         if len(drone.computing) > 0:
             scan_later(state, drone)
+        power(world, state, drone)
 
 
 @rare_rule
@@ -82,6 +85,7 @@ def halt_processor(world: Constants, state: State, drone: Drone, phase: int) -> 
             user = state.users[drone.computing[k]]
             if user.request.server >= 0:
                 stop(state, user, phase)
+        power(world, state, drone)
 
 
 @rare_rule
@@ -94,10 +98,11 @@ def lose_tasks(world: Constants, state: State, drone: Drone, phase: int) -> None
             if user.request.server >= 0:
                 stop(state, user, phase)
             leave(drone, user)
-            begin_anew(world, user.request)
+            begin_anew(world, user.request, task.part)
             task.site = -1
             task.restarts += 1
-            user.share = 0.0
+            user.share = progress_of(state, user, 0)
             note_stage(state, phase, drone.index, user)
             if user.holder >= 0 and user.holder != drone.index:
                 wait(world, state, state.senders[user.holder], user)
+    power(world, state, drone)

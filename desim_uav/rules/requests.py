@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from desim_uav.model.services import COMPUTING
+from desim_uav.model.services import COMPUTING, NOWHERE
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.note import note, note_stage
+from desim_uav.rules.power import power
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import (
     close,
@@ -15,8 +16,16 @@ from desim_uav.rules.service import (
     wait,
 )
 from desim_uav.rules.settle import settle_after
-from desim_uav.rules.stages import leave, next_stage, progress, scan_later
-from desim_uav.rules.tasks import arrive
+from desim_uav.rules.stages import leave, next_stage, scan_later
+from desim_uav.rules.tasks import (
+    arrive,
+    computes_alone,
+    end_own,
+    has_begun,
+    offload,
+    part_offloaded,
+    progress_of,
+)
 
 
 @rule
@@ -42,6 +51,8 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
         return
     open_request(world, path, state, user, number)
     note(state, words.REQUEST, words.ON_REQUEST, -1, user.index, user.request.number, -1)
+    if state.keeps_tasks:
+        offload(world, state, user, words.REQUEST)
     if user.request.stage > 0:
         _begin_stage(state, words.REQUEST, -1, user)
     if user.holder >= 0:
@@ -56,12 +67,16 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
     drone = state.senders[user.request.server]
     stop(state, user, words.COMPLETION)
     leave(drone, user)
-    if next_stage(world, user.request):
+    if state.keeps_tasks:
+        power(world, state, drone)
+    if next_stage(world, user.request, part_offloaded(state, user)):
         _begin_stage(state, words.COMPLETION, drone.index, user)
         if user.request.line == COMPUTING:
             arrive(world, state, drone, user)
         elif user.holder == drone.index:
             wait(world, state, drone, user)
+    elif state.keeps_tasks and computes_alone(state, user):
+        user.request.line = NOWHERE
     else:
         close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
     _divide_anew(world, path, state, drone)
@@ -77,23 +92,36 @@ def _divide_anew(world: Constants, path: Path, state: State, drone: Drone) -> No
 
 @rare_rule
 def on_deadline(world: Constants, path: Path, state: State, user: User) -> None:
-    """Close a user's task, which is late, and free what it held."""
+    """Close a user's task, which is late, and free what it held, unless it stays."""
     request, sender = user.request, user.holder
+    if world.terms[request.service].stays_begun and has_begun(state, user):
+        return
     if request.line == COMPUTING:
         sender = state.tasks[user.index].site
     if request.server >= 0:
         stop(state, user, words.COMPLETION)
     if sender >= 0:
         leave(state.senders[sender], user)
+        power(world, state, state.senders[sender])
     close(world, path, state, user, words.COMPLETION, words.ON_LATE)
     if sender >= 0:
         _divide_anew(world, path, state, state.senders[sender])
 
 
+@rare_rule
+def on_own_completion(world: Constants, path: Path, state: State, user: User) -> None:
+    """End what a user's own processor computes, and complete the task if all of it is done."""
+    end_own(state, user, words.COMPLETION)
+    state.tasks[user.index].own_done = 1
+    if user.request.line == NOWHERE:
+        user.request.done = user.request.required
+        close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
+
+
 @rule
 def _begin_stage(state: State, phase: int, drone: int, user: User) -> None:
     """Count and log that a user's request has passed to a stage, of which nothing is done."""
-    user.share = progress(user.request, 0)
+    user.share = progress_of(state, user, 0)
     note_stage(state, phase, drone, user)
 
 
@@ -120,10 +148,12 @@ def doing(user: User) -> int:
 def done_share(state: State, user: User) -> float:
     """Return which share of a user's open request has been done until now."""
     request = user.request
-    if request.server < 0:
-        return user.share
-    amount = request.done + (state.now_us - request.counted_us) * request.rate
-    return progress(request, min(amount, request.required))
+    if request.server >= 0:
+        amount = request.done + (state.now_us - request.counted_us) * request.rate
+        return progress_of(state, user, min(amount, request.required))
+    if state.keeps_tasks and request.number >= 0:
+        return progress_of(state, user, request.done)
+    return user.share
 
 
 @rule

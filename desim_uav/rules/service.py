@@ -9,12 +9,14 @@ from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, count_outage, end_outage
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
-from desim_uav.rules.stages import count_amounts, draw_values, join, progress, scan_later
+from desim_uav.rules.stages import count_amounts, draw_values, join, scan_later
 from desim_uav.rules.tasks import (
     close_task,
+    computes_alone,
     count_task,
     log_task,
     open_task,
+    progress_of,
     stands_elsewhere,
 )
 from desim_uav.rules.wide import add_product
@@ -130,8 +132,9 @@ def _begin(world: Constants, state: State, drone: Drone, user: User, phase: int)
     drone.served[request.service] += 1
     request.server = drone.index
     request.started_us = request.counted_us = now_us
-    state.in_service += 1
-    state.served_us -= now_us
+    if not (state.keeps_tasks and computes_alone(state, user)):
+        state.in_service += 1
+        state.served_us -= now_us
     note(state, phase, words.ON_SERVE, drone.index, user.index, request.number, -1)
     _await_completion(world, state, user)
 
@@ -181,9 +184,10 @@ def stop(state: State, user: User, phase: int) -> None:
             request.last_server = drone.index
             _log_handover(state, request)
         request.stopped_us = now_us
-    state.in_service -= 1
-    state.served_us += now_us
-    user.share = progress(request, request.done)
+    if not (state.keeps_tasks and computes_alone(state, user)):
+        state.in_service -= 1
+        state.served_us += now_us
+    user.share = progress_of(state, user, request.done)
     drone.used_hz -= request.used_hz
     if not request.queued:
         drone.free_hz += request.used_hz
@@ -289,14 +293,14 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
         count_attached(state, user)
     if request.served_us > 0 and request.done < request.required:
         request.interruptions += int(now_us > request.stopped_us)
-    state.closed_qoe1 += progress(request, request.done)
+    state.closed_qoe1 += progress_of(state, user, request.done)
     user.share = 0.0
     state.open_us += now_us
     state.open_requests[request.service] -= 1
     count_asking(state, user, -1)
-    _log_request(world, state, request)
     if state.keeps_tasks:
-        close_task(state, user)
+        close_task(state, user, phase)
+    _log_request(world, state, request, kind)
     note(state, phase, kind, user.holder, user.index, request.number, -1)
     if state.keeps_links:
         end_outage(state, user, phase)
@@ -337,8 +341,8 @@ def count_attached(state: State, user: User) -> None:
 
 
 @rule
-def _log_request(world: Constants, state: State, request: Request) -> None:
-    """Log a request that is closed now, if requests are logged."""
+def _log_request(world: Constants, state: State, request: Request, kind: int) -> None:
+    """Log a request that is closed now by a kind of event, if requests are logged."""
     if state.keeps_requests:
         closed = state.closed.added()
         closed.request_id = request.number
@@ -354,8 +358,9 @@ def _log_request(world: Constants, state: State, request: Request) -> None:
         closed.t_first_us = request.t_first_us
         closed.t_end_us = state.now_us
         closed.interruptions = request.interruptions
+        log_task(world, state, request, closed)
         count_amounts(world, request, closed)
-        log_task(state, request, closed)
+        closed.kind = kind
 
 
 @rule

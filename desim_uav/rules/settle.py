@@ -10,6 +10,7 @@ from desim_uav.rules.battery import type_of
 from desim_uav.rules.classes import retune
 from desim_uav.rules.due import due, key, nothing_before, settle_slot
 from desim_uav.rules.links import unsettle
+from desim_uav.rules.power import power
 from desim_uav.rules.rows import Constants, Path, State, User
 from desim_uav.rules.service import suspend
 from desim_uav.rules.words import ATTACHMENT
@@ -87,6 +88,8 @@ def _settle_all(
             if drone.computes and len(drone.computing) > 0:
                 process = world.processors[drone.radio].process
                 call(process, (world, state, drone, admission))
+            if state.keeps_tasks:
+                power(world, state, drone)
         d += 1
 
 

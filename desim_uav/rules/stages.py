@@ -9,7 +9,8 @@ that it holds is admitted, or in ``sharing`` until it ends. One that needs a pro
 
 from __future__ import annotations
 
-from desim_uav.model.services import COMPUTING, SHARING, WAITING, drawn_amount
+from desim_uav.model.catalogue import drawn_amount
+from desim_uav.model.services import SHARING, WAITING
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.rows import Queue, Table
 from desim_uav.rules.rows import Closed, Constants, Drone, Path, Request, State, User
@@ -25,7 +26,7 @@ def draw_values(world: Constants, path: Path, request: Request, number: int) -> 
     for k in range(len(request.drawn)):
         request.drawn[k] = path.drawn[first + k]
     request.stages = count_stages(world, request)
-    return _begin_stage(world, request, path.drawn, first, 0)
+    return _begin_stage(world, request, path.drawn, first, 0, 1.0)
 
 
 @rule
@@ -35,32 +36,44 @@ def count_stages(world: Constants, request: Request) -> int:
 
 
 @rule
-def begin_anew(world: Constants, request: Request) -> None:
-    """Let a request, of which all is lost, begin its first stage again."""
+def begin_anew(world: Constants, request: Request, part: float) -> bool:
+    """Let a part of a request, of which all is lost, begin its first stage again."""
     request.stages = count_stages(world, request)
-    _begin_stage(world, request, request.drawn, 0, 0)
+    return _begin_stage(world, request, request.drawn, 0, 0, part)
 
 
 @rule
-def next_stage(world: Constants, request: Request) -> bool:
-    """Pass a request on to its next stage; return False if there is none."""
+def next_stage(world: Constants, request: Request, part: float) -> bool:
+    """Pass a part of a request on to its next stage; return False if there is none."""
     following = request.stage + 1
     if following < request.stages:
-        return _begin_stage(world, request, request.drawn, 0, following)
+        return _begin_stage(world, request, request.drawn, 0, following, part)
     return False
 
 
 @rule
+def part_of(amount: int, part: float) -> int:
+    """Return a part of an amount, rounded down."""
+    return amount if part == 1.0 else int(float(amount) * part)
+
+
+@rule
 def _begin_stage(
-    world: Constants, request: Request, values: Table[int], first: int, following: int
+    world: Constants,
+    request: Request,
+    values: Table[int],
+    first: int,
+    following: int,
+    part: float,
 ) -> bool:
     """Begin the first stage from number ``following`` on whose amount is above 0, if there is one.
 
-    If there is none, the stage that has been done is the request's last one.
+    The amounts are a ``part`` of those that were drawn. If there is no such stage, the one that has
+    been done is the request's last one.
     """
     for k in range(following, request.stages):
         stage = world.stages[world.first_stages[request.service] + k]
-        amount = drawn_amount(stage, values, first)
+        amount = part_of(drawn_amount(stage, values, first), part)
         if amount > 0:
             request.stage, request.line = k, stage.line
             request.required, request.done, request.credited = amount, 0, 0
@@ -86,19 +99,18 @@ def progress(request: Request, amount: int) -> float:
 def count_amounts(world: Constants, request: Request, closed: Closed) -> None:
     """Write what a request needed in all of its stages, and what volume it has got, into the log.
 
-    They are sums over the stages that are measured in time, in bits, and in cycles.
+    They are sums over the stages that are measured in time, and over the ``part`` that is offloaded
+    of those in bits.
     """
-    closed.asked_us = closed.asked_ubit = closed.sent_ubit = closed.asked_cycles = 0
+    closed.asked_us = closed.asked_ubit = closed.sent_ubit = 0
     for k in range(request.stages):
         stage = world.stages[world.first_stages[request.service] + k]
         amount = request.required
         if k != request.stage:
-            amount = drawn_amount(stage, request.drawn, 0)
+            amount = part_of(drawn_amount(stage, request.drawn, 0), closed.part)
         if stage.timed:
             closed.asked_us += amount
-        elif stage.line == COMPUTING:
-            closed.asked_cycles += amount
-        else:
+        elif stage.line <= SHARING:
             closed.asked_ubit += amount
             if k < request.stage:
                 closed.sent_ubit += amount

@@ -45,7 +45,7 @@ EVENT_KINDS = (
     *("deplete", "crash", "respawn"),
     *("class", "handover", "ping_pong", "outage", "outage_end"),
     *("conflict", "clear"),
-    *("stage", "late"),
+    *("stage", "late", "compute", "computed"),
 )
 """The names of the kinds of events by number; the next number, ON_LEG, is for ``note_leg``."""
 
@@ -89,13 +89,15 @@ LEADS_TO = {
     ON_CLEAR,
     ON_STAGE,
     ON_LATE,
+    ON_COMPUTE,
+    ON_COMPUTED,
     ON_LEG,
 ) = range(len(EVENT_KINDS) + 1)
 
 OF_PAIRS = (ON_CONFLICT, ON_CLEAR)
 """The kinds of events of two drones."""
 
-OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST, UNFINISHED = 1, 2, 4, 8, 16
+OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST, UNFINISHED, NO_SHARE = 1, 2, 4, 8, 16, 32
 """The flags of ``State.faults``: something did not fit in memory; a reward was too large or not a
 number; an admission rule served requests beyond a drone's bandwidth; a user's leg is invalid; a
 step of the compiled engine is under way, or an error of a component of one's own has ended it."""

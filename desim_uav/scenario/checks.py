@@ -27,7 +27,12 @@ from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.separation import drones_can_keep_apart
-from desim_uav.scenario.service_checks import stages_can_be_served
+from desim_uav.scenario.service_checks import (
+    processors_draw_from_energy,
+    stages_can_be_served,
+    tasks_find_processors,
+    users_can_compute,
+)
 from desim_uav.scenario.space_checks import free_flight_fits_the_scenario
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
@@ -326,6 +331,9 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     the_reward_names_services,
     times_are_whole_microseconds,
     stages_can_be_served,
+    tasks_find_processors,
+    users_can_compute,
+    processors_draw_from_energy,
     components_fit_the_scenario,
     decisions_by_event_fit_the_scenario,
     free_flight_fits_the_scenario,

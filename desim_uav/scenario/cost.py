@@ -14,7 +14,7 @@ from typing import NamedTuple
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
 from desim_uav.model.mobility.walks import Area
-from desim_uav.model.services import Service, amount_of
+from desim_uav.model.services import Service, amount_of, rate_of
 from desim_uav.scenario.drones import flies_freely
 from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.schema import Scenario
@@ -231,18 +231,19 @@ def _event_log(logged: Sequence[CostPart], n: _Counts) -> CostPart:
 def _required_s(scenario: Scenario, most_bps: int) -> float:
     """The mean time of a request in all of its stages, over the mix; of volumes, the least."""
     mix = getattr(scenario.demand, "mix", None) or dict.fromkeys(scenario.services, 1.0)
-    means = {name: _mean_us(service, most_bps) for name, service in scenario.services.items()}
+    clock = scenario.most_clock
+    means = {name: _mean_us(one, most_bps, clock) for name, one in scenario.services.items()}
     total = math.fsum(mix.values())
     return math.fsum(mix[name] / total * means[name] for name in mix) / 1e6
 
 
-def _mean_us(service: Service, most_bps: int) -> float:
-    """The mean time that the stages of a service take together, volumes at this rate (0: none)."""
-    return math.fsum(
-        amount_of(service, stage).mean / (1 if stage.timed else most_bps)
-        for stage in service.stages()
-        if stage.timed or most_bps
-    )
+def _mean_us(service: Service, most_bps: int, clock: int) -> float:
+    """The mean time that the stages of a service take together.
+
+    Volumes take that at ``most_bps``, and cycles that at ``clock``; none at 0.
+    """
+    rates = [(stage, rate_of(stage, most_bps, clock)) for stage in service.stages()]
+    return math.fsum(amount_of(service, stage).mean / rate for stage, rate in rates if rate)
 
 
 def _crossings(scenario: Scenario, horizon_s: float) -> float:

@@ -15,7 +15,8 @@ from desim_uav.errors import notice
 from desim_uav.model.demand.demand import Trace as RequestTrace
 from desim_uav.model.geometry.extents import extent_of, like_degrees
 from desim_uav.model.mobility.walks import Area
-from desim_uav.model.services import largest_bps
+from desim_uav.model.rules import US
+from desim_uav.model.services import PROCESSOR, amount_of, computes, largest_bps, rate_of, terms_of
 from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
@@ -158,6 +159,30 @@ def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
             )
 
 
+def deadlines_can_be_met(scenario: Scenario) -> Iterator[str]:
+    """Yield warnings about deadlines that even the fastest task misses if it has all it needs."""
+    most_bps, clock = scenario.most_bps, scenario.most_clock
+    for name, service in scenario.services.items():
+        deadline_us, stages = terms_of(service).deadline_us, service.stages()
+        rates = [rate_of(stage, most_bps, clock) for stage in stages]
+        if deadline_us is None or not all(rates):
+            continue
+        amounts = [amount_of(service, stage).least for stage in stages]
+        least_us = sum(one / rate for one, rate in zip(amounts, rates, strict=True))
+        own = scenario.users.processor
+        if scenario.offloading.alone and own is not None and computes(service):
+            cycles = [
+                one for one, at in zip(amounts, stages, strict=True) if at.resource == PROCESSOR
+            ]
+            own_us = sum(cycles) / own.clock
+            least_us *= own_us / (own_us + least_us)  # both do a part at once
+        if least_us > deadline_us:
+            yield (
+                f"services.{name}: each request is late: its deadline is {deadline_us / US:g} s, "
+                f"and the least that it can take is {least_us / US:g} s"
+            )
+
+
 def losses_have_bounds(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about path losses of one's own whose bounds have to be sampled."""
     for key, why in losses_without_bounds(scenario):
@@ -176,6 +201,7 @@ DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     places_are_in_metres,
     zones_stand_in_the_way,
     services_fit_the_bandwidth,
+    deadlines_can_be_met,
     losses_have_bounds,
 )
 

@@ -228,7 +228,7 @@ def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
         for name, service in scenario.services.items()
         if not problems_of(service)
         for stage in service.stages()
-        if not stage.timed
+        if stage.of_bits
     ]
     for name, service, stage in volumes:
         rates = rates_bps(service, stage)

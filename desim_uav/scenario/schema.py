@@ -19,10 +19,12 @@ from desim_uav.model.energy.charging import Charging, Constant
 from desim_uav.model.mobility.mobility import Mobility, RandomWalk
 from desim_uav.model.motion.limits import CALM
 from desim_uav.model.observations import Encoding
+from desim_uav.model.offloading import RowOffloading
 from desim_uav.model.radio.radio import LinkClasses, Radio
 from desim_uav.model.rewards import Reward
 from desim_uav.model.services import PAPER, Service
 from desim_uav.rules.observations import Position
+from desim_uav.rules.offloading import Always
 from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario.components import errors
 from desim_uav.scenario.drones import Drones, Types, as_fleet, flies_freely
@@ -38,7 +40,7 @@ from desim_uav.scenario.fields import (
 )
 from desim_uav.scenario.learning import Learning
 from desim_uav.scenario.map import SIDE_M, Map
-from desim_uav.scenario.processor import Processor
+from desim_uav.scenario.processor import Processor, UserProcessor
 from desim_uav.scenario.section import Fraction, Section
 from desim_uav.scenario.slots import (
     ASSOCIATION,
@@ -48,6 +50,7 @@ from desim_uav.scenario.slots import (
     LINKS,
     MOBILITY,
     OBSERVATION,
+    OFFLOADING,
     REWARD,
     SERVICE,
 )
@@ -98,6 +101,8 @@ class Clusters(Section):
 class Users(Section):
     """The users: drawn around clusters, or at given positions, and how they move."""
 
+    later: ClassVar = ("processor",)
+
     count: Annotated[int, Field(ge=1, le=1_000_000)] = 48
     """The number of users."""
     clusters: Clusters | None = Clusters()
@@ -108,6 +113,8 @@ class Users(Section):
     """The greatest height of a user in a cell with a building, in metres."""
     mobility: Annotated[Mobility, MOBILITY] = RandomWalk()
     """How users move."""
+    processor: UserProcessor | None = None
+    """What each user computes tasks with that it does not offload; null means nothing."""
 
     @model_validator(mode="after")
     def _positions_decide(self) -> Users:
@@ -168,7 +175,7 @@ class AccessPoint(Section):
 class Scenario(Section):
     """A scenario, fully resolved: every key has its value, the preset's among them."""
 
-    later: ClassVar = ("decisions", "wind_mps", "separation_m", "on_conflict")
+    later: ClassVar = ("decisions", "wind_mps", "separation_m", "on_conflict", "offloading")
 
     name: Name = "scenario"
     """The name of the scenario. Run folders are named after it."""
@@ -198,6 +205,8 @@ class Scenario(Section):
         dict[Name, Annotated[Service, SERVICE]], Field(min_length=1, max_length=1000)
     ] = Field(default_factory=lambda: dict(PAPER))
     """The services by name: how long a request takes and what bandwidth it occupies."""
+    offloading: Annotated[RowOffloading, OFFLOADING] = Always()
+    """What part of a task drones compute for users: always, never, shortest, or split."""
     wind_mps: Velocity = CALM
     """The velocity of the wind over the ground [to the east, to the north], in m/s. It is the same
     everywhere and always. The highest speed of drones is then one through the air.
@@ -371,6 +380,13 @@ class Scenario(Section):
                 return 0
             most = max(most, radio.bandwidth_hz(kbps) * max(radio.efficiencies()) / 1e6)
         return 0 if math.isinf(most) else math.ceil(most)
+
+    @property
+    def most_clock(self) -> int:
+        """What the fastest core does in a microsecond, in thousandths of a cycle; 0: no core."""
+        processors = [one.processor for one in self.fleet]
+        processors += [one.processor for one in self.access_points]
+        return max((one.clock for one in processors if one is not None), default=0)
 
     @property
     def limited_battery(self) -> bool:

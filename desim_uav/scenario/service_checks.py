@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
+from desim_uav.model.energy.battery import in_joules
 from desim_uav.model.services import (
     LARGEST_UBIT,
     MOST_BPS,
     MOST_REQUIRED,
+    PROCESSOR,
     Service,
+    Stage,
     amount_of,
+    computes,
     problems_of,
     rates_bps,
 )
+from desim_uav.registry import kind_name
 from desim_uav.scenario.finding import Finding
+from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -30,17 +37,81 @@ def stages_can_be_served(scenario: Scenario) -> Iterator[Finding]:
             if not 0 <= np.min(rates) <= np.max(rates) <= MOST_BPS:
                 key = _key_of_list(name, service, stage.rate)
                 yield Finding(key, f"in bit/s, it must be from 0 to {MOST_BPS:,}")
-            limit = MOST_REQUIRED if stage.timed else LARGEST_UBIT
-            unit = "microseconds" if stage.timed else "millionths of a bit"
+            limit, unit = _limit_of(stage)
             lowest = int(len(service.stages()) == 1)
             if not lowest <= least <= most <= limit:
                 key = _key_of_list(name, service, stage.amount)
                 yield Finding(key, f"in {unit}, it must be from {lowest} to {limit:,}")
             elif number:
-                alike = [one for one in service.stages() if one.timed == stage.timed]
+                alike = [one for one in service.stages() if _limit_of(one) == (limit, unit)]
                 total = sum(amount_of(service, one).most for one in alike)
                 if total > limit:
                     yield Finding(path, f"its stages need {total:,} {unit}, above {limit:,}")
+
+
+def _limit_of(stage: Stage) -> tuple[int, str]:
+    """Return the largest amount of a stage, and the unit in which it is measured."""
+    if stage.resource == PROCESSOR:
+        return MOST_REQUIRED, "thousandths of a cycle"
+    if stage.timed:
+        return MOST_REQUIRED, "microseconds"
+    return LARGEST_UBIT, "millionths of a bit"
+
+
+_NOTHING = "computes nothing: no service has tasks (kind: compute)"
+
+
+def tasks_find_processors(scenario: Scenario) -> Iterator[Finding]:
+    """Drones and access points without a processor that a service needs, or with one for none."""
+    needing = [
+        name
+        for name, service in scenario.services.items()
+        if not problems_of(service) and computes(service)
+    ]
+    senders: list[tuple[KeyPath, Any]] = list(zip(scenario.fleet_keys, scenario.fleet, strict=True))
+    senders += [(("access_points", k), one) for k, one in enumerate(scenario.access_points)]
+    for key, sender in senders:
+        if needing and sender.processor is None:
+            yield Finding(
+                (*key, "processor"),
+                f"is needed by services.{needing[0]}, for example {{cores: 4, ghz: 2.5}}",
+                (key, ("services", needing[0])),
+            )
+        elif sender.processor is not None and not needing:
+            yield Finding((*key, "processor"), _NOTHING, (("services",),))
+
+
+def users_can_compute(scenario: Scenario) -> Iterator[Finding]:
+    """Users who have to compute tasks themselves without a processor, or have one for nothing."""
+    offloading, processor = scenario.offloading, scenario.users.processor
+    services = [one for one in scenario.services.values() if not problems_of(one)]
+    if not any(map(computes, services)):
+        if processor is not None:
+            yield Finding(("users", "processor"), _NOTHING, (("services",),))
+        if offloading != Scenario.model_fields["offloading"].default:
+            message = "is for services that have tasks (kind: compute)"
+            yield Finding(("offloading",), message, (("services",),))
+    elif offloading.alone and processor is None:
+        yield Finding(
+            ("users", "processor"),
+            f"is needed by offloading: {kind_name(offloading)}, for example {{ghz: 1.0}}",
+            (("offloading",),),
+        )
+
+
+def processors_draw_from_energy(scenario: Scenario) -> Iterator[Finding]:
+    """Powers of processors beside a battery that holds no energy."""
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        processor = drones.processor
+        if processor is None or in_joules(drones.battery):
+            continue
+        for name in ("kappa", "electronics_w"):
+            if getattr(processor, name) != Processor.model_fields[name].default:
+                yield Finding(
+                    (*key, "processor", name),
+                    "is for batteries that hold energy, for example battery: {kind: rotary_wing}",
+                    ((*key, "battery"),),
+                )
 
 
 def _key_of_list(name: str, service: Service, values: str | None) -> KeyPath:

@@ -14,6 +14,7 @@ from desim_uav.model.energy.charging import Charging
 from desim_uav.model.mobility.mobility import Mobility
 from desim_uav.model.motion.motion import Motion
 from desim_uav.model.observations import Encoding
+from desim_uav.model.offloading import RowOffloading
 from desim_uav.model.processing import RowProcessing
 from desim_uav.model.radio.radio import Radio
 from desim_uav.model.rewards import Reward
@@ -35,5 +36,6 @@ RADIO = Slot("radio", "disc", Radio)
 LINKS = Slot("radio", "link_classes", Radio)
 ASSOCIATION = Slot("association", "entered_first", Association, by_name=True)
 DECISIONS = Slot("decisions", "clock", Decisions, by_name=True)
+OFFLOADING = Slot("offloading", "always", RowOffloading, by_name=True)
 PROCESSING = Slot("processing", "first_come", RowProcessing, by_name=True)
 SERVICE = Slot("service", "uniform_choice", Service)

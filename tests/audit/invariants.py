@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.catalogue import drawn_amount
 from desim_uav.model.geometry.coverage import all_walked
-from desim_uav.model.services import COMPUTING, SHARING, drawn_amount
+from desim_uav.model.services import COMPUTING, SHARING
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User
@@ -143,7 +144,7 @@ def _one_state(world: Constants, state: State, user: User) -> None:
     computing = [drone.index for drone in state.senders if user.index in drone.computing]
     in_line = bool(queues or shares or computing)
     assert bool(request.queued) == in_line, "queued without a line, or in one"
-    if request.line == COMPUTING:
+    if request.line >= COMPUTING:
         assert not queues and not shares, "a request for a processor waits for a link"
         return
     if state.keeps_tasks and state.tasks[user.index].site not in (-1, holder):
@@ -168,6 +169,8 @@ def _work(world: Constants, state: State, request: Request) -> None:
     """
     first = world.first_stages[request.service]
     stages = world.stages[first : first + request.stages]
+    if state.keeps_tasks and state.tasks[request.user].part < 1.0:
+        return  # see tests.audit.tasks
     assert 0 <= request.stage < request.stages, "a stage that there is not"
     amounts = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
     if request.stages > 1:

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.errors import ScenarioError
 from desim_uav.world import World
 from tests.engine.random_all import CONTINUOUS, one_of_all
 from tests.engine.random_parts import Dice, accepted
 
 DISCIPLINES = ("first_come", "first_come", "processor_sharing", "earliest_deadline")
-IMPATIENT = {"kind": "tests.staged:Impatient", "patience_s": 9.0}
+OFFLOADING = ("always", "always", "never", "shortest", "split", "split")
 
 
 def scenario(seed: int) -> dict[str, Any]:
-    """A scenario of everything whose links can carry tasks; all drones and masts compute.
+    """A scenario of everything in which all drones and masts compute.
 
-    What ``random_all`` draws for a seed is drawn first, and changed as little as possible. Raises
-    ScenarioError if its links hold rates.
+    What ``random_all`` draws for a seed is drawn first, and changed as little as possible.
     """
     made, dice = one_of_all(seed), Dice(seed + 700_000)
     senders = [*made["drones"], *made["access_points"]]
-    if any(each.get("radio", {}).get("sharing", "held") == "held" for each in senders):
-        raise ScenarioError("tasks need links that share")
-    discipline = dice.of(*DISCIPLINES, IMPATIENT)
+    held = any(each.get("radio", {}).get("sharing", "held") == "held" for each in senders)
+    discipline = dice.of(*DISCIPLINES)
     for each in senders:
         each["processor"] = {
             "cores": dice.of(1, 1, 2, 4),
@@ -31,8 +28,12 @@ def scenario(seed: int) -> dict[str, Any]:
             "sharing": dice.of(discipline, discipline, *DISCIPLINES),
             "on_ground": dice.of(True, False),
         }
-    services = {name: task(dice) for name in dice.of(["vision"], ["vision", "maps"])}
-    if dice.of(True, False, False):
+        if "capacity_wh" in (each.get("battery") or {}):
+            each["processor"] |= {"kappa": dice.of(1e-28, 4e-26), "electronics_w": dice.of(0, 3.5)}
+    made["users"]["processor"] = {"ghz": dice.of(0.02, 0.5), "transmit_w": dice.of(0.0, 0.1)}
+    made["offloading"] = dice.of(*OFFLOADING)
+    services = {name: task(dice, held) for name in dice.of(["vision"], ["vision", "maps"])}
+    if dice.of(True, False, False) and not held:
         services["rounds"] = tandem(dice)
     mixed = dice.of(True, False)
     made["services"] = {**made["services"], **services} if mixed else services
@@ -45,10 +46,11 @@ def scenario(seed: int) -> dict[str, Any]:
     return made
 
 
-def task(dice: Dice) -> dict[str, Any]:
+def task(dice: Dice, held: bool) -> dict[str, Any]:
     """A service of tasks, most of which have deadlines."""
     late: dict[str, Any] = {"deadline_s": dice.of(0.7, 5, 17.5, 60)}
-    late["on_deadline"] = dice.of("count", "drop", "drop")
+    late["on_deadline"] = dice.of("count", "drop", "drop", "leave")
+    rates = {"bandwidth_kbps": [150, 600]} if held else {}
     return {
         "kind": "compute",
         "input_mbit": dice.of([0.01, 0.5], [2], [0.3, 6, 25]),
@@ -56,6 +58,7 @@ def task(dice: Dice) -> dict[str, Any]:
         "output_mbit": dice.of([0], [0.0, 0.2], [3, 0.4]),
         "handover": dice.of("resume", "restart"),
         **dice.of(late, late, {}),
+        **rates,
     }
 
 

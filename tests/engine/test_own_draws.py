@@ -17,6 +17,7 @@ from desim_uav.engine.des import Simulation
 from desim_uav.env import UavEnv, UavVectorEnv
 from desim_uav.errors import SimulationError
 from desim_uav.learning.training import Training
+from desim_uav.model.catalogue import catalogue
 from desim_uav.model.demand import demand
 from desim_uav.model.demand.day_profile import DayProfile
 from desim_uav.model.mobility import mobility
@@ -28,7 +29,7 @@ from desim_uav.model.mobility.mobility import Area
 from desim_uav.model.mobility.random_waypoint import RandomWaypoint
 from desim_uav.model.mobility.walking import from_here, go_on, go_to, stay, walking_of
 from desim_uav.model.random.streams import Purpose, Streams
-from desim_uav.model.services import PAPER, catalogue
+from desim_uav.model.services import PAPER
 from desim_uav.rowcode import components
 from desim_uav.rowcode.rows import blank, held_by
 from desim_uav.sample_path import draw

@@ -17,7 +17,9 @@ TIMES = Stage("lasts", rate="takes", timed=True)
 STAGES: dict[str, tuple[Stage, ...]] = {
     "none": (),
     "unknown": (Stage("last", rate="takes", timed=True),),
-    "processor": (Stage("lasts", rate="takes", timed=True, resource="processor"),),
+    "cloud": (Stage("lasts", rate="takes", timed=True, resource="cloud"),),
+    "timed": (Stage("lasts", rate="takes", timed=True, resource="processor"),),
+    "scale": (Stage("lasts", scale=0, resource="processor"),),
     "no rate": (Stage("lasts", timed=True),),
     "per": (Stage("lasts", rate="takes", per=0),),
     "empty": (Stage("void", rate="takes"),),
@@ -49,7 +51,9 @@ class Odd:
     [
         ("none", "stages must have at least one stage"),
         ("unknown", "stages: 0: amount: 'last' must be one of lasts, takes"),
-        ("processor", "stages: 0: resource: 'processor' must be one of link"),
+        ("cloud", "stages: 0: resource: 'cloud' must be one of link, processor"),
+        ("timed", "stages: 0: a processor has neither timed nor a rate"),
+        ("scale", "stages: 0: scale: 0 must be at least 1"),
         ("no rate", "stages: 0: needs a rate, because its amount is a time"),
         ("per", "stages: 0: per: 0 must be at least 1"),
         ("empty", "values: 'void' is empty"),

@@ -10,10 +10,11 @@ import numpy as np
 
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.des import Simulation
+from desim_uav.model.catalogue import catalogue
 from desim_uav.model.demand.demand import Demand, Dynamic, Poisson
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Action, Outcome
-from desim_uav.model.services import PAPER, catalogue
+from desim_uav.model.services import PAPER
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world

@@ -15,6 +15,7 @@ from desim_uav.model.energy.battery import RowEnergy
 from desim_uav.model.energy.charging import RowCharging
 from desim_uav.model.mobility.walking import WALK, RowMobility
 from desim_uav.model.observations import RowObservation
+from desim_uav.model.offloading import RowOffloading
 from desim_uav.model.processing import RowProcessing
 from desim_uav.model.radio.chances import P_LOS
 from desim_uav.model.radio.levels import BOUNDS, LEVEL
@@ -35,7 +36,7 @@ from desim_uav.rowcode.components import (
 )
 from desim_uav.rowcode.views import View
 from desim_uav.rules.rewards import add_up, clear_terms
-from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow
+from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow, User
 from desim_uav.scenario.processor import Processor
 from desim_uav.world import World
 
@@ -139,6 +140,16 @@ def _process(cls: type[RowProcessing], values_at: ValuesAt) -> Any:
     return process
 
 
+def _share(cls: type[RowOffloading], values_at: ValuesAt) -> Any:
+    """Return the function ``share`` of a class of offloading."""
+    method = ruled(cls.share)
+
+    def share(world: Constants, state: State, user: User) -> float:
+        return float(method(values_at(world.offloading_values), world, state, user))
+
+    return share
+
+
 class FunctionSlot(NamedTuple):
     """A kind of component: its key in a scenario, the base of its classes, and its functions.
 
@@ -182,6 +193,13 @@ SLOTS = (
         "observation_values",
         (Function("describe", _describe, (Constants, State)),),
         required=False,
+    ),
+    FunctionSlot(
+        "offloading",
+        RowOffloading,
+        lambda world: world.scenario.offloading if world.services.computes else None,
+        "offloading_values",
+        (Function("share", _share, (Constants, State, User)),),
     ),
     FunctionSlot(
         "users.mobility",

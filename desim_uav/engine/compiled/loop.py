@@ -6,7 +6,7 @@ from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.geometry.coverage import LEG, leg_near, walked
 from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.rowcode.compiled_rows import as_array
-from desim_uav.rowcode.kernels import kernel, rare_rule, rule, stands_in_for
+from desim_uav.rowcode.kernels import apart, kernel, rare_rule, rule, stands_in_for
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
 from desim_uav.rules.coverage import on_crossing
 from desim_uav.rules.crash import crash
@@ -14,7 +14,7 @@ from desim_uav.rules.decide import on_arrival
 from desim_uav.rules.due import key, separation_slot, undo
 from desim_uav.rules.episode import begin, command, end_step, show_first, start_afresh
 from desim_uav.rules.points import on_renewal
-from desim_uav.rules.requests import on_completion, on_deadline, on_request
+from desim_uav.rules.requests import on_completion, on_deadline, on_own_completion, on_request
 from desim_uav.rules.rows import Constants, Path, State
 from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
@@ -161,6 +161,16 @@ def _happen_rarely(world: Constants, path: Path, state: State, slot: int, separa
     elif slot == separation + 1:
         on_renewal(world, path, state)
     elif slot > separation:
-        on_deadline(world, path, state, state.users[slot - separation - 2])
+        _happen_to_task(world, path, state, slot - separation - 2)
     else:
         on_turn(world, path, state, state.users[slot - 2 * len(state.drones) - 1])
+
+
+@apart
+def _happen_to_task(world: Constants, path: Path, state: State, slot: int) -> None:
+    """Let a task be late, or be done by its user, counted from the first deadline's slot."""
+    users = len(state.users)
+    if slot < users:
+        on_deadline(world, path, state, state.users[slot])
+    else:
+        on_own_completion(world, path, state, state.users[slot - users])

@@ -15,6 +15,7 @@ from desim_uav.model.energy.charging import RowCharging
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.naming import naming
 from desim_uav.model.observations import RowObservation
+from desim_uav.model.offloading import RowOffloading
 from desim_uav.model.processing import RowProcessing
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sharing import RowSharing
@@ -30,6 +31,7 @@ from desim_uav.world import World
 def own_over_rows(world: World) -> bool:
     """Return whether some component of a world that works on rows is one's own."""
     own = [world.scenario.reward, world.scenario.observation, world.charging]
+    own += [world.scenario.offloading]
     own += [part for one in world.scenario.fleet for part in (one.admission, one.battery)]
     own += [links.radio.sharing for links in world.links]
     own += [processor.sharing for processor in world.processors if processor is not None]
@@ -38,7 +40,7 @@ def own_over_rows(world: World) -> bool:
 
 ROW_BASES = (
     *(RowReward, RowObservation, RowCharging, RowAdmission, RowEnergy),
-    *(RowProcessing, RowSharing),
+    *(RowOffloading, RowProcessing, RowSharing),
 )
 
 
@@ -67,6 +69,8 @@ def set_components(constants: Any, world: World) -> None:
     for processor, own in zip(constants.processors, world.processors, strict=False):
         if own is not None:
             processor.process = _method(own.sharing, "process", world)
+    if world.services.computes:
+        constants.share = _method(world.scenario.offloading, "share", world)
     constants.pay = _pay(world)
     constants.describe = _describe(world)
     if constants.limited:

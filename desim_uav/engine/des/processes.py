@@ -14,7 +14,7 @@ from desim_uav.rules.crash import crash
 from desim_uav.rules.decide import obey, on_arrival
 from desim_uav.rules.flight import station_under
 from desim_uav.rules.points import on_renewal
-from desim_uav.rules.requests import on_completion, on_deadline, on_request
+from desim_uav.rules.requests import on_completion, on_deadline, on_own_completion, on_request
 from desim_uav.rules.rows import Drone, User
 from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
@@ -48,6 +48,7 @@ class Processes:
                 self.clock.process(self.levels(user))
             if self.state.keeps_tasks:
                 self.clock.process(self.deadline(user))
+                self.clock.process(self.own(user))
         self.clock.process(self.step())
         self.clock.process(self.attachment())
         if self.state.pairs:
@@ -137,6 +138,13 @@ class Processes:
         while True:
             yield from self.until(slot)
             on_deadline(self.world, self.path, self.state, user)
+
+    def own(self, user: User) -> Process:
+        """End what the user's own processor computes."""
+        slot = due.own_slot(self.state, user.index)
+        while True:
+            yield from self.until(slot)
+            on_own_completion(self.world, self.path, self.state, user)
 
     def step(self) -> Process:
         """Attach users and admit requests once all drones have begun what they are told."""

@@ -17,7 +17,7 @@ from desim_uav import __version__
 from desim_uav.checksums import of_row
 from desim_uav.disk import write_whole
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.evaluate import ENERGY, MEASURES
+from desim_uav.experiment.evaluate import MEASURES, SOMETIMES
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, JobOutcome, JobRow
@@ -223,5 +223,5 @@ def read_manifest(file: Path) -> dict[str, Any]:
 
 
 def _typed(columns: dict[str, str]) -> str:
-    keys = {name: of for name, of in columns.items() if name not in (*MEASURES, ENERGY)}
+    keys = {name: of for name, of in columns.items() if name not in (*MEASURES, *SOMETIMES)}
     return ", ".join(f"{name} ({of})" for name, of in keys.items())

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.errors import PolicyError, UsageError, did_you_mean
-from desim_uav.experiment.evaluate import ENERGY, MEASURES
+from desim_uav.experiment.evaluate import MEASURES, SOMETIMES
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep.folder import (
     FAILED,
@@ -52,7 +52,7 @@ class SweepResults:
     @cached_property
     def keys(self) -> dict[str, list[Any]]:
         """The keys that vary, each with its values: numbers ascending, others as first met."""
-        others = (*FIXED, *MEASURES, ENERGY)
+        others = (*FIXED, *MEASURES, *SOMETIMES)
         columns = [key for key in self.manifest["columns"] if key not in others]
         columns = list(self.order) or columns
         values = {key: _ordered(row[key] for row in self.rows) for key in columns}
@@ -61,7 +61,7 @@ class SweepResults:
     @property
     def measures(self) -> tuple[str, ...]:
         """The names of the measures that its rows have."""
-        return (*MEASURES, ENERGY) if ENERGY in self.manifest["columns"] else MEASURES
+        return (*MEASURES, *(name for name in SOMETIMES if name in self.manifest["columns"]))
 
     @cached_property
     def policies(self) -> list[str]:

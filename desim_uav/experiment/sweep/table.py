@@ -20,7 +20,7 @@ from desim_uav.experiment.sweep.job import Failure, Job, JobRow, measured
 from desim_uav.experiment.sweep.plan import Arm
 from desim_uav.report import notebook
 from desim_uav.report.intervals import mean_words, sentence
-from desim_uav.report.text import OF_ENERGY
+from desim_uav.report.text import OF_SOME
 from desim_uav.typed import typed
 
 if TYPE_CHECKING:
@@ -114,8 +114,7 @@ class Done:
     @property
     def _columns(self) -> dict[str, tuple[str, str]]:
         """Headings and formats of the measures that are shown."""
-        of_energy = {name: look for name, look in OF_ENERGY.items() if name in self._measures}
-        return SHOWN | of_energy
+        return SHOWN | {name: look for name, look in OF_SOME.items() if name in self._measures}
 
     @cached_property
     def _measures(self) -> tuple[str, ...]:

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import SimulationError
+from desim_uav.model.catalogue import Catalogue, StageRow, drawn_amount
 from desim_uav.model.demand.requests import DRAWN, DUE_US, SERVICE, ManyRequests, Requests
 from desim_uav.model.naming import naming
 from desim_uav.model.random.streams import Stream, Streams, begin_stream, uniform
-from desim_uav.model.services import COMPUTING, Catalogue, StageRow, drawn_amount
+from desim_uav.model.services import COMPUTING
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.compiled_registers import held, put_back
 from desim_uav.rowcode.compiled_rows import pointer_to

@@ -11,6 +11,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from desim_uav.errors import SimulationError, did_you_mean
+from desim_uav.model.catalogue import Catalogue
 from desim_uav.model.demand.asking import NO_MORE_US, Asker, Offer, RowDemand, ask_for_mix
 from desim_uav.model.demand.requests import (
     BANDWIDTH_BPS,
@@ -29,7 +30,7 @@ from desim_uav.model.random.streams import (
     seed_of_each,
 )
 from desim_uav.model.rules import US
-from desim_uav.model.services import MOST_REQUIRED, Catalogue
+from desim_uav.model.services import MOST_REQUIRED
 from desim_uav.model.traces import LARGEST, index, quantity, read_table
 from desim_uav.registry import register
 from desim_uav.rowcode.components import kind_of

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from desim_uav.errors import PolicyError
-from desim_uav.qoe import OUTCOMES
+from desim_uav.qoe import LATE, OUTCOMES
 from desim_uav.report.figures.style import FAIR, NARROW, Figure, headed, look, short, styled
 from desim_uav.report.figures.visits import counted_episodes
 from desim_uav.report.run import Run, opened
@@ -20,6 +20,7 @@ BARS: dict[str, dict[str, Any]] = {
     "completed": {"facecolor": "#009E73", "hatch": "", "edgecolor": "white"},
     "unfinished": {"facecolor": FAIR, "hatch": "////", "edgecolor": "0.35"},
     "never_served": {"facecolor": "#D55E00", "hatch": "....", "edgecolor": "black"},
+    LATE: {"facecolor": "#CC79A7", "hatch": "xxxx", "edgecolor": "black"},
 }
 
 
@@ -74,11 +75,12 @@ def _of(requests: pd.DataFrame, service: str) -> pd.DataFrame:
 def _draw_outcomes(axes: Axes, requests: pd.DataFrame, services: list[str]) -> None:
     """Draw a bar per service, in percent of its requests; large parts show their number."""
     counts = pd.crosstab(requests["service"], requests["outcome"])
-    counts = counts.reindex(index=services, columns=OUTCOMES, fill_value=0)
+    outcomes = (*OUTCOMES, LATE) if LATE in counts else OUTCOMES
+    counts = counts.reindex(index=services, columns=outcomes, fill_value=0)
     shares = 100 * counts.div(counts.sum(axis=1), axis=0)
     left = np.zeros(len(services))
     rows = np.arange(len(services))
-    for outcome in OUTCOMES:
+    for outcome in outcomes:
         bars = axes.barh(rows, shares[outcome], left=left, height=0.62, lw=0.6, **BARS[outcome])
         numbers = [
             str(count) if share >= 7 else ""

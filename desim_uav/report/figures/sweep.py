@@ -13,7 +13,7 @@ from desim_uav.errors import UsageError
 from desim_uav.palette import ink_on
 from desim_uav.report.figures.style import MOST_PANELS, Figure, headed, look, marker, short, styled
 from desim_uav.report.intervals import have_interval, interval_words
-from desim_uav.report.text import COMPARED, OF_ENERGY
+from desim_uav.report.text import LOOKS
 
 APART = 0.015
 """The sideways shift of a series, as a share of the axis, so that intervals do not overlap."""
@@ -21,7 +21,6 @@ APART = 0.015
 WRITTEN = 8
 """The most cells in a row or column of a heat map that has numbers in its cells."""
 
-LOOKS = COMPARED | OF_ENERGY
 """The headings and formats of all measures."""
 
 MOST_LINES = 12

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.services import StageRow
+from desim_uav.model.catalogue import StageRow
 from desim_uav.rowcode.rows import Row, Table, row
 from desim_uav.rules.rows.flights import CellRow, Hop, Move, Place, PlanRow, SpaceRow
 from desim_uav.sky.rows import Change, Scene, TransitRow
@@ -34,14 +34,17 @@ class ProcessorRow(Row):
 
     Each of its ``cores`` does ``clock`` thousandths of a cycle in a microsecond. Tasks stand in its
     line ``by_deadline``, or else by their arrival. It computes ``on_ground`` too, and while the
-    drone returns. ``process`` is a function, or in compiled code its address, and
-    ``processing_values`` is the address of the component's fields.
+    drone returns. A busy core draws ``core_uw``, and the rest ``idle_uw``, in microwatts.
+    ``process`` is a function, or in compiled code its address, and ``processing_values`` is the
+    address of the component's fields.
     """
 
     cores: int
     clock: int
     by_deadline: int
     on_ground: int
+    core_uw: int
+    idle_uw: int
     processing_values: int
     process: int
 
@@ -52,6 +55,7 @@ class TermsRow(Row):
 
     deadline_us: int
     drops: int
+    stays_begun: int
     restarts: int
 
 
@@ -108,19 +112,20 @@ class Constants(Row):
     ``Move.transit`` and ``first_hop`` are as if the first type came first of those that fly from
     cell to cell. Types that fly freely have no moves, and do not use them. ``radios`` are those of
     the types of drones, and then those of the access points ``points``; ``processors`` are theirs
-    in the same order, and ``terms`` those of the services, if there are tasks. Rewards divide users
-    among ``sharers``: the drones, and the access points that count. The stages of service s are
-    ``stages`` from number ``first_stages[s]`` on; a request draws ``draws`` values for them.
-    ``expected_requests`` is the number of requests of an episode if all are served at once
-    (see ``scenario.cost``). Senders of the same index modulo ``reuse`` interfere (0: none do).
-    ``in_air`` says that changes of class are not always those of rings. For ``trigger_us`` and
-    ``margin_db`` see ``rules.association``. ``known`` holds changes of users who stand still
-    (``rules.standing``). Drones are too near to each other below a distance of ``separation_m`` (0:
-    they have not to keep any); one ``gives_way`` to those with lower indices. ``features`` is the
-    number of features that a learner observes, and ``gamma`` its discount of a step. If drones fly
-    freely, ``spaces`` has an entry for each type; only those of free ones are used. ``scene`` is
-    for the kernels of the sky. The fields from ``foresee`` on are functions, or in compiled code
-    their addresses; ``reward_values`` and the like are the addresses of the components' fields.
+    in the same order, ``terms`` those of the services, and ``clocks`` those of the users' own
+    processors (0: none), if there are tasks. Rewards divide users among ``sharers``: the drones,
+    and the access points that count. The stages of service s are ``stages`` from number
+    ``first_stages[s]`` on; a request draws ``draws`` values for them. ``expected_requests`` is the
+    number of requests of an episode if all are served at once (see ``scenario.cost``). Senders of
+    the same index modulo ``reuse`` interfere (0: none do). ``in_air`` says that changes of class
+    are not always those of rings. For ``trigger_us`` and ``margin_db`` see ``rules.association``.
+    ``known`` holds changes of users who stand still (``rules.standing``). Drones are too near to
+    each other below a distance of ``separation_m`` (0: they have not to keep any); one
+    ``gives_way`` to those with lower indices. ``features`` is the number of features that a learner
+    observes, and ``gamma`` its discount of a step. If drones fly freely, ``spaces`` has an entry
+    for each type; only those of free ones are used. ``scene`` is for the kernels of the sky. The
+    fields from ``foresee`` on are functions, or in compiled code their addresses; ``reward_values``
+    and the like are the addresses of the components' fields.
     """
 
     steps: int
@@ -166,6 +171,7 @@ class Constants(Row):
     radios: Table[RadioRow]
     processors: Table[ProcessorRow]
     terms: Table[TermsRow]
+    clocks: Table[int]
     points: Table[PointRow]
     draws: int
     first_stages: Table[int]
@@ -174,6 +180,7 @@ class Constants(Row):
     reward_values: int
     observation_values: int
     charging_values: int
+    offloading_values: int
     mobility_values: int
     features: int
     known_at: Table[int]
@@ -192,4 +199,5 @@ class Constants(Row):
     charged: int
     until_full_us: int
     walk: int
+    share: int
     run: int

@@ -88,11 +88,13 @@ class Drone(Row):
     ``waiting`` is its queue: the users whose requests wait, by (request time, user). ``sharing``
     holds the users whose elastic requests share what requests for a fixed rate leave of the
     bandwidth (``free_hz``), in the same order. ``computing`` holds those whose tasks are at its
-    processor, which ``computes`` unless it stands still (see ``rules.processing``). ``ahead`` holds
-    the changes of class to come, the next one last. ``served`` counts the requests that it serves,
-    and ``asking`` the open ones in its footprint, by service. The marks of its links
-    (``model.radio.marks``) are known from ``marked_us`` until ``marked_until_us``, or not at all
-    (-1). ``terms`` are those of its reward; a learner observes ``features``.
+    processor, which ``computes`` unless it stands still (see ``rules.processing``). It draws
+    ``power_uw`` from the battery since ``drawn_us``, until when it was counted but for ``rest_pj``
+    (see ``rules.battery``); the depletion of the battery is foreseen for ``span_us`` of the leg.
+    ``ahead`` holds the changes of class to come, the next one last. ``served`` counts the requests
+    that it serves, and ``asking`` the open ones in its footprint, by service. The marks of its
+    links (``model.radio.marks``) are known from ``marked_us`` until ``marked_until_us``, or not at
+    all (-1). ``terms`` are those of its reward; a learner observes ``features``.
     """
 
     index: int
@@ -138,6 +140,10 @@ class Drone(Row):
     sharing: Queue[int]
     computing: Queue[int]
     computes: int
+    power_uw: int
+    drawn_us: int
+    rest_pj: int
+    span_us: int
     ahead: Queue[Change]
     served: Table[int]
     asking: Table[int]

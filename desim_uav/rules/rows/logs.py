@@ -84,7 +84,10 @@ class EventRow(Row):
 
 @row
 class Closed(Row):
-    """A request that has been closed (see ``engine.base.ClosedRequest``)."""
+    """A request that has been closed by an event of this ``kind``.
+
+    From ``asked_us`` on, its fields are those of ``engine.base.ClosedRequest``.
+    """
 
     request_id: int
     user: int
@@ -105,8 +108,13 @@ class Closed(Row):
     asked_cycles: int
     deadline_us: int
     sending_us: int
+    uplink_us: int
     computing_us: int
     restarts: int
+    kind: int
+    part: float
+    own_us: int
+    own_share: float
 
 
 @row

@@ -74,16 +74,26 @@ class User(Row):
 class Task(Row):
     """What is kept of a user's request as a task (see ``rules.tasks``).
 
-    Its processor is that of sender ``site`` (-1: none yet), at which it has arrived at
-    ``arrived_us``. It is late at ``deadline_us``. It has been sent for ``sending_us``, and computed
-    for ``computing_us``, and has begun anew ``restarts`` times because a drone has crashed.
+    A ``part`` of it is offloaded, which passes through its stages. The rest is ``own``: so many
+    thousandths of a cycle that the user's own processor does from ``own_from_us`` to
+    ``own_until_us``, or has done (``own_done``). The offloaded part is computed by sender ``site``
+    (-1: none yet), at whose processor it has arrived at ``arrived_us``. The task is late at
+    ``deadline_us``. It has been sent for ``sending_us``, of which ``uplink_us`` were before its
+    site was known, and computed for ``computing_us``, and has begun anew ``restarts`` times because
+    a drone has crashed.
     """
 
+    part: float
+    own: int
+    own_from_us: int
+    own_until_us: int
+    own_done: int
     site: int
     arrived_us: int
     deadline_us: int
     restarts: int
     sending_us: int
+    uplink_us: int
     computing_us: int
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from desim_uav.model.catalogue import catalogue
 from desim_uav.model.demand.demand import Continuous, Dynamic, Poisson, Static, Trace
-from desim_uav.model.services import PAPER, UniformChoice, catalogue
+from desim_uav.model.services import PAPER, UniformChoice
 from tests.verification.demand import (
     BANDWIDTH,
     DUE,

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from desim_uav.model.catalogue import catalogue
 from desim_uav.model.demand.demand import Dynamic, Poisson, Static
 from desim_uav.model.mobility.mobility import Area, RandomWalk
 from desim_uav.model.random.streams import (
@@ -17,7 +18,7 @@ from desim_uav.model.random.streams import (
     next_word,
     uniform,
 )
-from desim_uav.model.services import PAPER, catalogue
+from desim_uav.model.services import PAPER
 from desim_uav.rowcode.rows import blank
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import loads

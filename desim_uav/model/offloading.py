@@ -1,0 +1,28 @@
+"""The interface of offloading, which decides what part of a task a drone computes for its user.
+
+The built-in components are in ``rules.offloading``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+
+class RowOffloading:
+    """A way to offload tasks over rows, which can be compiled, so that both engines run it.
+
+    A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
+    """
+
+    plain: ClassVar = ()
+    alone: ClassVar[bool] = True
+    """Whether users may compute tasks, or parts of them, themselves, and so need a processor."""
+
+    def share(self, world: Any, state: Any, user: Any) -> float:
+        """Return the part of a user's task that is offloaded, from 0 to 1.
+
+        It is asked when the request is made and, as long as nothing of it has begun, whenever the
+        user is attached to a drone (``state.senders[user.holder]``; -1: to none). The user's own
+        processor does ``world.clocks[user.index]`` thousandths of a cycle per microsecond.
+        """
+        raise NotImplementedError

@@ -1,0 +1,118 @@
+"""Offloading: what part of a task a drone or access point computes for its user."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from desim_uav.model.catalogue import drawn_amount
+from desim_uav.model.offloading import RowOffloading
+from desim_uav.model.services import COMPUTING
+from desim_uav.registry import register
+from desim_uav.rowcode.kernels import rule
+from desim_uav.rules.rows import Constants, Drone, State, User
+from desim_uav.rules.service import rate_bps
+from desim_uav.rules.stages import count_stages
+from desim_uav.rules.tasks import cycles_of
+
+
+@register("offloading", "always")
+@dataclass(frozen=True)
+class Always(RowOffloading):
+    """Drones compute all tasks."""
+
+    alone = False
+
+    def share(self, world: Constants, state: State, user: User) -> float:
+        """Return 1."""
+        return 1.0
+
+
+@register("offloading", "never")
+@dataclass(frozen=True)
+class Never(RowOffloading):
+    """Users compute all tasks themselves."""
+
+    def share(self, world: Constants, state: State, user: User) -> float:
+        """Return 0."""
+        return 0.0
+
+
+@register("offloading", "shortest")
+@dataclass(frozen=True)
+class Shortest(RowOffloading):
+    """A task is computed where it will be done first, as far as is known when it is made.
+
+    A user who is attached to no drone computes it itself, and so does one for whom both take the
+    same time.
+    """
+
+    def share(self, world: Constants, state: State, user: User) -> float:
+        """Return 1 if the drone of the user would be done before the user, else 0."""
+        return 1.0 if offloaded_us(world, state, user) < alone_us(world, user) else 0.0
+
+
+@register("offloading", "split")
+@dataclass(frozen=True)
+class Split(RowOffloading):
+    """Tasks are divisible: both compute a part, such that they would be done at the same time.
+
+    With T_l and T_o, the times that the whole task would take the user and its drone, the part that
+    is offloaded is T_l / (T_l + T_o).
+    """
+
+    def share(self, world: Constants, state: State, user: User) -> float:
+        """Return the part that is offloaded; 0 if the user is attached to no drone."""
+        own_us = alone_us(world, user)
+        return own_us / (own_us + offloaded_us(world, state, user))
+
+
+@rule
+def alone_us(world: Constants, user: User) -> float:
+    """Return the time that a whole task takes its user, in microseconds."""
+    return float(cycles_of(world, user.request, 1.0)) / float(world.clocks[user.index])
+
+
+@rule
+def offloaded_us(world: Constants, state: State, user: User) -> float:
+    """Return how long a whole task would take if it were offloaded now, in microseconds.
+
+    It is sent at the rate that the user would get if it shared the bandwidth equally with those who
+    share it now, or at that which it holds; then the processor does what is left of the tasks that
+    are there, and this one. It is infinite if the user is attached to no drone, or gets no rate.
+    """
+    if user.holder < 0:
+        return float("inf")
+    drone, request, total = state.senders[user.holder], user.request, 0.0
+    processor = world.processors[drone.radio]
+    for k in range(count_stages(world, request)):
+        stage = world.stages[world.first_stages[request.service] + k]
+        amount = float(drawn_amount(stage, request.drawn, 0))
+        if stage.line == COMPUTING:
+            total += amount / float(processor.clock) + backlog_us(world, state, drone)
+        elif amount > 0.0:
+            rate = 1 if stage.timed else link_bps(world, drone, user, stage.rate)
+            if rate == 0:
+                return float("inf")
+            total += amount / float(rate)
+    return total
+
+
+@rule
+def link_bps(world: Constants, drone: Drone, user: User, held: int) -> int:
+    """Return the rate that a user would get now in bit/s; ``held``: the list of a rate to hold."""
+    if held >= 0:
+        return user.request.drawn[held]
+    return rate_bps(world, drone, user, drone.free_hz // (len(drone.sharing) + 1))
+
+
+@rule
+def backlog_us(world: Constants, state: State, drone: Drone) -> float:
+    """Return how long a drone's processor needs for the tasks that are there, in microseconds."""
+    left, processor = 0.0, world.processors[drone.radio]
+    for k in range(len(drone.computing)):
+        request = state.users[drone.computing[k]].request
+        done = request.done
+        if request.server >= 0:
+            done += (state.now_us - request.counted_us) * request.rate
+        left += float(max(request.required - done, 0))
+    return left / float(processor.clock) / float(processor.cores)
