@@ -9,10 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.offloading import RowOffloading
-from desim_uav.model.processing import RowProcessing
 from desim_uav.model.services import PROCESSOR, Stage
-from desim_uav.rules.service import give_rate
 
 Values = dict[str, NDArray[np.int64]]
 
@@ -140,30 +137,3 @@ class Tandem:
             "p": Stage("p", rate="none", timed=True),
         }
         return tuple(stage_of[letter] for letter in self.order)
-
-
-@dataclass(frozen=True)
-class Impatient(RowProcessing):
-    """Computes tasks as they come; one that has not been begun in ``patience_s`` never is."""
-
-    patience_s: float = 1.0
-
-    def process(self, world: Any, state: Any, drone: Any, phase: int) -> None:
-        processor = world.processors[drone.radio]
-        free = processor.cores
-        for k in range(len(drone.computing)):
-            user = state.users[drone.computing[k]]
-            waited_us = state.now_us - state.tasks[user.index].arrived_us
-            rate = 0
-            if free > 0 and (user.request.server >= 0 or waited_us <= self.patience_s * 1e6):
-                rate, free = processor.clock, free - 1
-            give_rate(world, state, drone, user, 0, rate, phase)
-
-
-@dataclass(frozen=True)
-class Halves(RowOffloading):
-    """Halves of the tasks of users with even numbers are offloaded, and others as a whole."""
-
-    def share(self, world: Any, state: Any, user: Any) -> float:
-        """Return the part of a task that is offloaded."""
-        return 0.5 if user.index % 2 == 0 else 1.0

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.catalogue import drawn_amount
 from desim_uav.model.geometry.coverage import all_walked
-from desim_uav.model.services import COMPUTING, NOWHERE, SHARING
+from desim_uav.model.services import COMPUTING, SHARING
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User
@@ -140,17 +140,12 @@ def _one_state(world: Constants, state: State, user: User) -> None:
     if request.number < 0:
         assert not queues and not shares, "a user waits without a request"
         return
-    if request.stages > 0:
-        _work(world, state, request)
+    _work(world, state, request)
     computing = [drone.index for drone in state.senders if user.index in drone.computing]
     in_line = bool(queues or shares or computing)
     assert bool(request.queued) == in_line, "queued without a line, or in one"
-    if request.line == COMPUTING:
+    if request.line >= COMPUTING:
         assert not queues and not shares, "a request for a processor waits for a link"
-        return
-    if request.line == NOWHERE:
-        assert not in_line and request.server < 0, "nothing is left to send or to compute"
-        assert not state.tasks[user.index].own_done, "a task that is done is open"
         return
     if state.keeps_tasks and state.tasks[user.index].site not in (-1, holder):
         holder = -1
@@ -174,23 +169,22 @@ def _work(world: Constants, state: State, request: Request) -> None:
     """
     first = world.first_stages[request.service]
     stages = world.stages[first : first + request.stages]
+    if state.keeps_tasks and state.tasks[request.user].part < 1.0:
+        return  # see tests.audit.tasks
     assert 0 <= request.stage < request.stages, "a stage that there is not"
     amounts = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
-    task = state.tasks[request.user] if state.keeps_tasks else None
     if request.stages > 1:
-        amount = drawn_amount(stages[request.stage], request.drawn, 0)
-        part = 1.0 if task is None else task.part
-        assert request.required == (amount if part == 1.0 else int(amount * part)) > 0
+        assert request.required == drawn_amount(stages[request.stage], request.drawn, 0) > 0
     assert 0 <= request.done <= request.required, "served more than requested"
     if request.server >= 0:
         amount = request.done + request.rate * (state.now_us - request.counted_us)
         assert amount < request.required + request.rate, "served more than requested"
-    if task is not None and task.own > 0:
-        return
     times_us = sum(us for us, one in zip(amounts, stages, strict=False) if one.timed)
     times_us += request.done if stages[request.stage].timed else 0
     assert times_us <= request.served_us, "more time is done than served"
-    lost = task is not None and (task.restarts > 0 or world.terms[request.service].restarts)
+    lost = state.keeps_tasks and (
+        state.tasks[request.user].restarts > 0 or world.terms[request.service].restarts
+    )
     if all(one.timed for one in stages[: request.stage + 1]) and not lost:
         assert times_us == request.served_us, "time served is not what is done"
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 from desim_uav.engine.base import ClosedRequest, EpisodeLog
-from desim_uav.model.catalogue import drawn_amount
-from desim_uav.model.services import COMPUTING
+from desim_uav.model.services import COMPUTING, NOWHERE
 from desim_uav.rules.processing import EarliestDeadline, FirstComeTasks, ProcessorSharing
 from desim_uav.rules.rows import Drone, State, User
 from desim_uav.rules.words import CRASHED
@@ -44,7 +43,8 @@ class TaskRecord:
     anew, and is served at a rate. ``work`` is what has been done for requests, by their numbers and
     stages; ``lines`` are the tasks at each processor, as their users and when they arrived. At a
     processor there were tasks for ``there_us`` altogether; those that left had been there for
-    ``visits_us``. All tasks were computed for ``computing_us``.
+    ``visits_us``. The processors of the users ``own`` compute now. Somebody served each request for
+    ``served_us``, and drones computed all tasks for ``computing_us``.
     """
 
     log: EpisodeLog
@@ -56,6 +56,8 @@ class TaskRecord:
     lines: defaultdict[int, dict[int, int]] = field(default_factory=lambda: defaultdict(dict))
     there_us: Counter[int] = field(default_factory=Counter)
     visits_us: Counter[int] = field(default_factory=Counter)
+    own: set[int] = field(default_factory=set)
+    served_us: Counter[int] = field(default_factory=Counter)
     computing_us: int = 0
 
 
@@ -84,6 +86,7 @@ def audit_tasks(simulation: Simulation) -> None:
         _processor(simulation, drone)
         _visits(record, state, drone)
     record.rates.clear()
+    record.own = {user.index for user in state.users if own_runs(state, user)}
     for user in state.users:
         if user.request.number >= 0:
             _done(simulation, record, user)
@@ -99,6 +102,8 @@ def _elapse(record: TaskRecord, now_us: int) -> None:
         work = record.work[number][stage]
         work.done += rate * elapsed_us
         record.computing_us += elapsed_us * (work.line == COMPUTING)
+    for user in record.own | set(record.rates):
+        record.served_us[record.open[user][0]] += elapsed_us
     for drone, line in record.lines.items():
         record.there_us[drone] += elapsed_us * len(line)
 
@@ -108,7 +113,10 @@ def _task(simulation: Simulation, user: User) -> None:
     world, state, request = simulation.constants, simulation.state, user.request
     task, terms = state.tasks[user.index], world.terms[request.service]
     sites = [drone.index for drone in state.senders if user.index in drone.computing]
-    if request.line == COMPUTING:
+    if request.line == NOWHERE:
+        assert not sites and request.server < 0, "a task is at a processor that its user has"
+        assert task.own > 0 and not task.own_done, f"the task of user {user.index} is lost"
+    elif request.line == COMPUTING:
         assert sites == [task.site] * (task.site >= 0), f"the task of user {user.index} is lost"
         assert task.site >= 0 or user.holder < 0, f"the task of user {user.index} does not arrive"
         assert request.server in (-1, task.site), "computed at another processor"
@@ -117,29 +125,20 @@ def _task(simulation: Simulation, user: User) -> None:
         assert request.server in (-1, user.holder), "sent to another drone"
         assert task.site < 0 or request.server in (-1, task.site), "a result from elsewhere"
     served_us = task.sending_us + task.computing_us
-    assert request.t_request_us + served_us <= state.now_us, "served longer than open"
     if task.own == 0:
         assert request.served_us == served_us, "time served is that of sending and computing"
-        assert task.part == 1.0, "a part that nobody computes"
-    else:
-        _own(simulation, user)
-    if terms.drops and not terms.stays_begun:
+    assert request.t_request_us + served_us <= state.now_us, "served longer than open"
+    if own_runs(state, user):
+        assert task.own_from_us <= state.now_us <= task.own_until_us, "longer than needed"
+    computed = task.own > 0 or task.computing_us > 0 or request.line == COMPUTING
+    if terms.drops and not (terms.stays_begun and computed):
         assert state.now_us <= task.deadline_us, f"the task of user {user.index} is late"
 
 
-def _own(simulation: Simulation, user: User) -> None:
-    """Check the part of a task that its user computes: its size, and when it is done."""
-    world, state, request = simulation.constants, simulation.state, user.request
-    task, clock = state.tasks[user.index], world.clocks[user.index]
-    first = world.first_stages[request.service]
-    stages = world.stages[first : world.first_stages[request.service + 1]]
-    cycles = [drawn_amount(one, request.drawn, 0) for one in stages if one.line == COMPUTING]
-    assert task.own == sum(one - int(one * task.part) for one in cycles), "cycles that are nobody's"
-    lasts_us = -(-task.own // clock)
-    assert task.own_until_us == task.own_from_us + lasts_us, "a part is interrupted"
-    assert task.own_from_us >= request.t_request_us
-    assert task.own_done or state.now_us <= task.own_until_us, "a part is not over"
-    assert not task.own_done or state.now_us >= task.own_until_us, "a part is over too early"
+def own_runs(state: State, user: User) -> bool:
+    """Return whether the processor of a user computes its part of a task."""
+    task = state.tasks[user.index]
+    return user.request.number >= 0 and task.own > 0 and not task.own_done
 
 
 def _processor(simulation: Simulation, drone: Drone) -> None:
@@ -210,10 +209,12 @@ def _done(simulation: Simulation, record: TaskRecord, user: User) -> None:
         works[request.stage] = Work(request.required, request.line, bool(stage.timed))
         works[request.stage].done = 0 if record.whole else counted
         record.open[user.index] = now
-    elif works[request.stage].required != request.required:
-        assert not works[request.stage].done, "another part of a task that has begun"
-        works[request.stage].required, works[request.stage].line = request.required, request.line
+    if request.line == NOWHERE:
+        return
     work = works[request.stage]
+    if (work.required, work.line) != (request.required, request.line):
+        assert work.done == 0, "another task than before"
+        work.required, work.line = request.required, request.line
     if terms.restarts and counted == 0 < work.done and task.site < 0:
         assert user.holder not in (-1, request.last_server), "lost without a handover"
         work.done = 0
@@ -225,23 +226,27 @@ def _totals(simulation: Simulation, record: TaskRecord) -> None:
     requests = simulation.log.requests
     for one in requests:
         works = record.work.get(one.request_id, {})
-        bits = sum(w.counts for w in works.values() if w.line != COMPUTING and not w.timed)
-        cycles = sum(w.counts for w in works.values() if w.line == COMPUTING)
+        bits = sum(w.counts for w in works.values() if w.line < COMPUTING and not w.timed)
         assert one.sent_ubit == bits, f"bits of request {one.request_id}"
-        assert _cycles(works, one) == cycles, f"cycles of request {one.request_id}"
-        apart_us = one.sending_us + one.computing_us
-        assert max(apart_us, one.own_us) <= one.served_us <= apart_us + one.own_us
+        _cycles(works, one)
+        assert one.served_us == record.served_us[one.request_id], "time served"
+        assert one.served_us <= one.sending_us + one.computing_us + one.own_us
         assert one.served_us <= one.t_end_us - one.t_request_us
         terms = simulation.constants.terms[one.service]
-        dropped = terms.drops and not terms.stays_begun
-        assert not dropped or one.t_end_us <= one.deadline_us
+        ends = terms.drops and not terms.stays_begun
+        assert not ends or one.t_end_us <= one.deadline_us, f"request {one.request_id} is late"
     assert sum(one.computing_us for one in requests) == record.computing_us, "time of computing"
     assert record.there_us == record.visits_us, "tasks there and their visits: Little's law"
 
 
-def _cycles(works: dict[int, Work], one: ClosedRequest) -> int:
-    """Return the cycles of a request as it is logged."""
-    if one.stage in works and works[one.stage].line == COMPUTING:
-        return one.done
-    passed = any(w.line == COMPUTING for stage, w in works.items() if stage < one.stage)
-    return int(one.asked_cycles * one.part) if passed else 0
+def _cycles(works: dict[int, Work], one: ClosedRequest) -> None:
+    """Check the cycles of a request: all of a stage that it has passed, and what is logged now.
+
+    Those of the part that is offloaded and of the rest add up, but for what is rounded.
+    """
+    for stage, work in works.items():
+        if work.line == COMPUTING:
+            done = work.required if stage < one.stage else one.done
+            assert work.counts == done, f"cycles of request {one.request_id}"
+            whole = one.asked_cycles * one.part
+            assert abs(work.required - whole) <= 1 + 1e-9 * whole, "the part that is offloaded"

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.errors import ScenarioError
 from desim_uav.world import World
 from tests.engine.random_all import CONTINUOUS, one_of_all
 from tests.engine.random_parts import Dice, accepted
 
 DISCIPLINES = ("first_come", "first_come", "processor_sharing", "earliest_deadline")
-HALVES = {"kind": "tests.staged:Halves"}
-IMPATIENT = {"kind": "tests.staged:Impatient", "patience_s": 9.0}
+OFFLOADING = ("always", "always", "never", "shortest", "split", "split")
 
 
 def scenario(seed: int) -> dict[str, Any]:
-    """A scenario of everything whose links can carry tasks; all drones and masts compute.
+    """A scenario of everything in which all drones and masts compute.
 
-    What ``random_all`` draws for a seed is drawn first, and changed as little as possible. Raises
-    ScenarioError if its links hold rates.
+    What ``random_all`` draws for a seed is drawn first, and changed as little as possible.
     """
     made, dice = one_of_all(seed), Dice(seed + 700_000)
     senders = [*made["drones"], *made["access_points"]]
-    if any(each.get("radio", {}).get("sharing", "held") == "held" for each in senders):
-        raise ScenarioError("tasks need links that share")
-    discipline = dice.of(*DISCIPLINES, IMPATIENT)
+    held = any(each.get("radio", {}).get("sharing", "held") == "held" for each in senders)
+    discipline = dice.of(*DISCIPLINES)
     for each in senders:
         each["processor"] = {
             "cores": dice.of(1, 1, 2, 4),
@@ -32,8 +28,12 @@ def scenario(seed: int) -> dict[str, Any]:
             "sharing": dice.of(discipline, discipline, *DISCIPLINES),
             "on_ground": dice.of(True, False),
         }
-    services = {name: task(dice) for name in dice.of(["vision"], ["vision", "maps"])}
-    if dice.of(True, False, False):
+        if "capacity_wh" in (each.get("battery") or {}):
+            each["processor"] |= {"kappa": dice.of(1e-28, 4e-26), "electronics_w": dice.of(0, 3.5)}
+    made["users"]["processor"] = {"ghz": dice.of(0.02, 0.5), "transmit_w": dice.of(0.0, 0.1)}
+    made["offloading"] = dice.of(*OFFLOADING)
+    services = {name: task(dice, held) for name in dice.of(["vision"], ["vision", "maps"])}
+    if dice.of(True, False, False) and not held:
         services["rounds"] = tandem(dice)
     mixed = dice.of(True, False)
     made["services"] = {**made["services"], **services} if mixed else services
@@ -43,26 +43,14 @@ def scenario(seed: int) -> dict[str, Any]:
     made["demand"] |= {"mix": mix}
     if made["reward"]["kind"] == "multi_service":
         made["reward"]["services"] = dict.fromkeys(mix, 0.3)
-    offload(made, dice)
     return made
 
 
-def offload(made: dict[str, Any], dice: Dice) -> None:
-    """Let users compute parts of their tasks, and processors draw power where there is energy."""
-    made["offloading"] = dice.of("always", "never", "shortest", "split", HALVES)
-    if made["offloading"] != "always":
-        made["users"]["processor"] = {"ghz": dice.of(0.01, 0.1, 1.0)}
-    for each in made["drones"]:
-        battery = each.get("battery") or {}
-        if battery.get("kind", "endurance") != "endurance":
-            powers = {"kappa": dice.of(1e-28, 1e-25), "electronics_w": dice.of(0.0, 12.5)}
-            each["processor"] |= powers
-
-
-def task(dice: Dice) -> dict[str, Any]:
+def task(dice: Dice, held: bool) -> dict[str, Any]:
     """A service of tasks, most of which have deadlines."""
     late: dict[str, Any] = {"deadline_s": dice.of(0.7, 5, 17.5, 60)}
-    late["on_deadline"] = dice.of("count", "drop", "leave")
+    late["on_deadline"] = dice.of("count", "drop", "drop", "leave")
+    rates = {"bandwidth_kbps": [150, 600]} if held else {}
     return {
         "kind": "compute",
         "input_mbit": dice.of([0.01, 0.5], [2], [0.3, 6, 25]),
@@ -70,6 +58,7 @@ def task(dice: Dice) -> dict[str, Any]:
         "output_mbit": dice.of([0], [0.0, 0.2], [3, 0.4]),
         "handover": dice.of("resume", "restart"),
         **dice.of(late, late, {}),
+        **rates,
     }
 
 

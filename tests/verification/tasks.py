@@ -357,26 +357,14 @@ IMPATIENT = ((0.5, 1.0), (0.8, 2.0), (1.2, 2.0))
 
 
 def deadlines(runs: int) -> Iterator[Figure]:
-    """Yield shares of tasks that are late: at their end, or not begun in time.
-
-    Those that are not begun in time are no longer computed, by a component of the tests, and leave
-    once all others are done.
-    """
-    longest_s = math.ceil(EXPONENTIAL[-1])
+    """Yield shares of tasks that are late: at their end, or not begun in time."""
+    laws = {"drop": ("done", late_share), "leave": ("begun", unbegun_share)}
     for rate, deadline_s in IMPATIENT:
-        told = queue(rate, EXPONENTIAL, more=f", deadline_s: {deadline_s}, on_deadline: drop")
-        shares = [one.late for one in samples(told, runs)]
-        what = f"M/M/1, load {rate}: not done in {deadline_s:g} s"
-        yield Estimate.of(what, shares, late_share(rate, deadline_s))
-        told = queue(
-            rate,
-            EXPONENTIAL,
-            sharing=f"{{kind: 'tests.staged:Impatient', patience_s: {deadline_s}}}",
-            more=f", deadline_s: {deadline_s + longest_s}, on_deadline: drop",
-        )
-        shares = [one.late for one in samples(told, runs)]
-        what = f"M/M/1, load {rate}: not begun in {deadline_s:g} s"
-        yield Estimate.of(what, shares, unbegun_share(rate, deadline_s))
+        for kind, (what, law) in laws.items():
+            more = f", deadline_s: {deadline_s}, on_deadline: {kind}"
+            shares = [one.late for one in samples(queue(rate, EXPONENTIAL, more=more), runs)]
+            name = f"M/M/1, load {rate}: not {what} in {deadline_s:g} s"
+            yield Estimate.of(name, shares, law(rate, deadline_s))
 
 
 # ---- earliest deadline against all schedules
