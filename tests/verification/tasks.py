@@ -220,7 +220,7 @@ def unbegun_share(rate: float, patience_s: float) -> float:
 
 def figures(quick: bool = False) -> Iterator[Figure]:
     """Return all; a replication is an episode of 4,000 s that are counted."""
-    runs = 10 if quick else 80
+    runs = 10 if quick else 40
     yield from printed()
     yield from engines_are_equal()
     yield from first_come(runs)
