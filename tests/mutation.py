@@ -582,6 +582,34 @@ MUTATIONS = (
         "leg.x0_m, leg.y0_m, leg.z0_m = leg.x0_m, leg.y0_m, leg.z0_m",
         ("engine/test_conflicts.py",),
     ),
+    Mutation(
+        "tasks: a line is in the order of users, not of arrivals",
+        "rules/tasks.py",
+        "if one.arrived_us != two.arrived_us:",
+        "if False:",
+        ("engine/test_tasks.py",),
+    ),
+    Mutation(
+        "tasks: one that is done at its deadline is late",
+        "rules/tasks.py",
+        "key(words.COMPLETION, AFTER_ALL, user.index)",
+        "key(words.COMPLETION, -1, user.index)",
+        ("engine/test_tasks.py",),
+    ),
+    Mutation(
+        "tasks: what was sent to one drone counts at another one, though it must not",
+        "rules/tasks.py",
+        "world.terms[request.service].restarts and",
+        "False and",
+        ("engine/test_tasks.py",),
+    ),
+    Mutation(
+        "tasks: all processors compute on the ground",
+        "rules/processing.py",
+        "if not world.processors[drone.radio].on_ground:",
+        "if False:",
+        ("engine/test_tasks.py",),
+    ),
 )
 
 

@@ -220,7 +220,7 @@ def unbegun_share(rate: float, patience_s: float) -> float:
 
 def figures(quick: bool = False) -> Iterator[Figure]:
     """Return all; a replication is an episode of 4,000 s that are counted."""
-    runs = 10 if quick else 80
+    runs = 10 if quick else 40
     yield from printed()
     yield from engines_are_equal()
     yield from first_come(runs)
@@ -296,8 +296,10 @@ def shared(runs: int) -> Iterator[Figure]:
 def sharing_sd(rate: float, size_s: float, runs: int) -> Estimate:
     """Return the standard deviation of times of tasks of about a size, scaled to this size.
 
-    The variances about the means that theory has are averaged; the error is that of their root.
+    The variances about the means that theory has are averaged; the error is that of their root. As
+    a few busy times count most in a variance, more episodes than elsewhere are needed.
     """
+    runs *= 6 if rate < 0.6 else 2
     found = samples(queue(rate, EXPONENTIAL, sharing="processor_sharing"), runs)
     theory, squares = float(sharing_sd_s(rate, size_s)), []
     for one in found:
