@@ -587,28 +587,28 @@ MUTATIONS = (
         "rules/tasks.py",
         "if one.arrived_us != two.arrived_us:",
         "if False:",
-        ("engine/test_tasks.py",),
+        ("engine/test_task_logs.py",),
     ),
     Mutation(
         "tasks: one that is done at its deadline is late",
         "rules/tasks.py",
         "key(words.COMPLETION, AFTER_ALL, user.index)",
         "key(words.COMPLETION, -1, user.index)",
-        ("engine/test_tasks.py",),
+        ("engine/test_task_logs.py",),
     ),
     Mutation(
         "tasks: what was sent to one drone counts at another one, though it must not",
         "rules/tasks.py",
         "world.terms[request.service].restarts and",
         "False and",
-        ("engine/test_tasks.py",),
+        ("engine/test_task_logs.py",),
     ),
     Mutation(
         "tasks: all processors compute on the ground",
         "rules/processing.py",
         "if not world.processors[drone.radio].on_ground:",
         "if False:",
-        ("engine/test_tasks.py",),
+        ("engine/test_task_logs.py",),
     ),
 )
 
