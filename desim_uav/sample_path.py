@@ -17,11 +17,10 @@ from desim_uav.model.random.streams import (
     Purpose,
     Seeds,
     Streams,
-    next_uniform,
     seed_of_each,
     states_of,
+    uniforms,
 )
-from desim_uav.rowcode.kernels import maker
 from desim_uav.typed import typed
 from desim_uav.world import World
 
@@ -159,15 +158,5 @@ def _respawns(world: World, seed: Seeds, episodes: Sequence[int]) -> NDArray[np.
     if not world.stations or not world.scenario.limited_battery:
         return np.empty((len(episodes), drones, 0), np.int64)
     states = states_of(seed, Purpose.RESPAWN, episodes, drones)
-    stations = _choices(states.reshape(-1, 4), epochs, len(world.stations))
-    return stations.reshape(len(episodes), drones, epochs)
-
-
-@maker
-def _choices(states: NDArray[np.uint64], count: int, options: int) -> NDArray[np.int64]:
-    """Draw ``count`` uniform choices among 0 … options-1 from each stream."""
-    numbers = np.empty((len(states), count), np.int64)
-    for entity in range(len(states)):
-        for k in range(count):
-            numbers[entity, k] = int(next_uniform(states[entity]) * options)
-    return numbers
+    chosen = uniforms(states.reshape(-1, 4), epochs) * len(world.stations)
+    return chosen.astype(np.int64).reshape(len(episodes), drones, epochs)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from typing import Any
 
@@ -16,6 +17,8 @@ from numba.core import caching, errors, lowering, serialize
 from numba.core import cgutils as _cgutils
 from numba.core import codegen as _codegen
 from numba.core import compiler as _compiler
+from numba.core import targetconfig as _targetconfig
+from numba.core import typed_passes as _typed_passes
 from numba.core import types as _types
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
@@ -32,6 +35,8 @@ signature: Any = _templates.signature
 populate_array: Any = _arrayobj.populate_array
 _Code: Any = _codegen.JITCodeLibrary
 _Compiler: Any = _compiler.Compiler
+_ArrayExpressions: Any = _typed_passes.NopythonRewrites
+_Options: Any = _targetconfig.TargetConfig
 dumps: Any = serialize.dumps
 add_symbol: Any = llvmlite.binding.add_symbol
 TypingError: Any = errors.TypingError
@@ -243,14 +248,45 @@ class InnerCompiler(_Compiler):  # type: ignore[misc]
     code: Any = InnerCode
 
     def define_pipelines(self) -> Any:
-        """Return Numba's passes."""
+        """Return Numba's passes, for what makes no arrays without one that looks for such code."""
         name = self.state.func_id.func_qualname
         self.state.library = self.code(self.state.targetctx.codegen(), name)
         self.state.library.enable_object_caching()
-        return super().define_pipelines()
+        (passes,) = super().define_pipelines()
+        if not self.state.flags.nrt:
+            passes.passes = [one for one in passes.passes if one[0] is not _ArrayExpressions]
+        return [passes]
 
 
 class KernelCompiler(InnerCompiler):
     """Numba's compiler, which makes KernelCode."""
 
     code = KernelCode
+
+    def compile_extra(self, function: Any) -> Any:
+        """Compile without pauses to collect garbage, and without the time of each call of LLVM.
+
+        Both take a tenth of the time. Numba keeps a time for each function, which nobody reads.
+        """
+        collects, lock = gc.isenabled(), llvmlite.binding.ffi.lib._lock
+        timed, lock._cblist = lock._cblist, []
+        gc.disable()
+        try:
+            return super().compile_extra(function)
+        finally:
+            lock._cblist = timed
+            if collects:
+                gc.enable()
+
+
+def _same_options(one: Any, other: Any) -> Any:
+    """Return whether two sets of options of functions are equal, without a look at each option.
+
+    Numba looks at all options of the caller whenever it looks up what ``+`` means, for instance.
+    """
+    if not isinstance(other, _Options):
+        return NotImplemented
+    return one is other or one._values == other._values or one.values() == other.values()
+
+
+_Options.__eq__, _Options.__hash__ = _same_options, lambda options: len(options.options)

@@ -67,7 +67,7 @@ def foresee_rings(world: Constants, path: Path, state: State, drone: Drone, span
     ahead.fill(state.sky.changes, count)
 
 
-@rare_rule
+@apart
 def _sum_up_past(state: State, drone: Drone) -> None:
     """Let all users rise now to the classes to which the changes on a transit until now lead.
 

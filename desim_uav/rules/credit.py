@@ -8,7 +8,7 @@ their number times now. All of this is counted only if ``state.keeps_credit``.
 
 from __future__ import annotations
 
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rules.battery import count_charge
 from desim_uav.rules.rows import Drone, State, User
 from desim_uav.rules.tasks import own_parts
@@ -24,7 +24,7 @@ def forget_credit(drone: Drone) -> None:
     credit.step_served = credit.step_served_alone = 0.0
 
 
-@rare_rule
+@apart
 def credit_entry(state: State, drone: Drone, user: User) -> None:
     """Count that a user enters a footprint, before ``covered`` counts it."""
     if user.covering[drone.index] < 0 and user.covered <= 1:
@@ -35,7 +35,7 @@ def credit_entry(state: State, drone: Drone, user: User) -> None:
             _end_alone(state, _another(state, drone, user))
 
 
-@rare_rule
+@apart
 def credit_exit(state: State, drone: Drone, user: User) -> None:
     """Count that a user leaves a footprint, before ``covered`` counts it."""
     if user.covering[drone.index] >= 0 and user.covered <= 2:
@@ -69,7 +69,7 @@ def _end_alone(state: State, drone: Drone) -> None:
     drone.credit.alone_us += state.now_us
 
 
-@rare_rule
+@apart
 def credit_service(state: State, user: User) -> None:
     """Count what a drone has done for a user's request since this was counted last."""
     request = user.request
@@ -85,7 +85,7 @@ def credit_service(state: State, user: User) -> None:
             credit.served_alone += share
 
 
-@rule
+@apart
 def credit_step(state: State) -> None:
     """Write what each drone has added in the step that ends now, and count the next one anew."""
     now_us = state.now_us

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.model.rules import Choice, Mode
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import (
     battery_now,
@@ -59,7 +59,7 @@ def observe(world: Constants, state: State) -> None:
         state.asked[k] = state.open_requests[k]
 
 
-@rare_rule
+@apart
 def _link_quality(world: Constants, state: State, drone: Drone) -> float:
     """Return the mean efficiency of links to attached users, as a share of the best class's."""
     radio, carried = world.radios[drone.radio], 0
@@ -70,7 +70,7 @@ def _link_quality(world: Constants, state: State, drone: Drone) -> float:
     return carried / most if most > 0 else 0.0
 
 
-@rare_rule
+@apart
 def record(world: Constants, state: State) -> None:
     """Write the records of all drones and access points at the end of a step, after the rewards."""
     for d in range(len(state.drones)):

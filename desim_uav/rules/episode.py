@@ -16,7 +16,7 @@ from desim_uav.rules.decide import allow, go_home, is_under_way, obey, observe, 
 from desim_uav.rules.due import key, nothing_due, run_until
 from desim_uav.rules.epochs import await_epoch
 from desim_uav.rules.flight import appear, await_hop, count_distance, go_on_until
-from desim_uav.rules.free_flight import wish
+from desim_uav.rules.free_flight import hear_freely
 from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.orientation import orient
@@ -213,8 +213,7 @@ def hear(world: Constants, path: Path, state: State) -> None:
         drone = state.drones[d]
         state.history[state.step * len(state.drones) + d] = drone.command
         if len(state.aims) > 0:
-            _keep_aim(state, drone)
-            wish(world, state, drone)
+            hear_freely(world, state, drone)
         if is_under_way(world, drone):
             drone.command = -1
             continue
@@ -223,15 +222,6 @@ def hear(world: Constants, path: Path, state: State) -> None:
             note_drone(state, words.COMMAND, words.ON_DECIDE, drone)
     if len(world.points) > 0:
         serve_on(world, path, state)
-
-
-@rare_rule
-def _keep_aim(state: State, drone: Drone) -> None:
-    """Keep what belongs to a command of free flight, beside ``history``."""
-    at, course = words.AIMS * (state.step * len(state.drones) + drone.index), drone.course
-    state.aims[at], state.aims[at + 1] = course.aim_x, course.aim_y
-    state.aims[at + 2], state.aims[at + 3] = course.aim_z, course.aim_cruise
-    state.aims[at + 4] = course.aim_charge
 
 
 @rule

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import type_of
 from desim_uav.rules.due import key, run_until
@@ -23,7 +23,7 @@ def await_epoch(world: Constants, state: State) -> None:
     _schedule(state)
 
 
-@rare_rule
+@apart
 def _await_replacement(world: Constants, state: State) -> None:
     """Let the next epoch be at the end of the episode, or when a crashed drone can be replaced."""
     state.next_us = world.horizon_us

@@ -18,7 +18,7 @@ from desim_uav.model.motion.space import Ways
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import US
 from desim_uav.rowcode.compiled_rows import call_for_int
-from desim_uav.rowcode.kernels import apart, rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rowcode.rows import shaped
 from desim_uav.rules import words
 from desim_uav.rules.battery import is_limited, type_of
@@ -185,8 +185,24 @@ def steer(world: Constants, state: State, drone: Drone) -> int:
 # ---- serving flight
 
 
-@rare_rule
-def wish(world: Constants, state: State, drone: Drone) -> None:
+@apart
+def hear_freely(world: Constants, state: State, drone: Drone) -> None:
+    """Keep a command of free flight, and let its wish to charge come true if it can."""
+    _keep_aim(state, drone)
+    _wish(world, state, drone)
+
+
+@rule
+def _keep_aim(state: State, drone: Drone) -> None:
+    """Keep what belongs to a command of free flight, beside ``history``."""
+    at, course = words.AIMS * (state.step * len(state.drones) + drone.index), drone.course
+    state.aims[at], state.aims[at + 1] = course.aim_x, course.aim_y
+    state.aims[at + 2], state.aims[at + 3] = course.aim_z, course.aim_cruise
+    state.aims[at + 4] = course.aim_charge
+
+
+@rule
+def _wish(world: Constants, state: State, drone: Drone) -> None:
     """Turn a command with the wish to charge into that of charging, or of returning to a station.
 
     If neither is allowed, the drone flies as the command says.

@@ -5,7 +5,7 @@ They are kept only if the drones' radio has classes of links (``state.keeps_link
 
 from __future__ import annotations
 
-from desim_uav.rowcode.kernels import rare_rule
+from desim_uav.rowcode.kernels import apart, rare_rule
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Drone, State, User
 from desim_uav.rules.words import NEVER, ON_HANDOVER, ON_OUTAGE, ON_OUTAGE_END, ON_PING_PONG
@@ -14,7 +14,7 @@ PING_PONG_US = 1_000_000
 """A user who is handed back within this time makes a ping-pong (3GPP TR 36.839: 1 s)."""
 
 
-@rare_rule
+@apart
 def count_handover(state: State, drone: Drone, user: User, phase: int) -> None:
     """Count a handover if a user who is attached to a drone now has just left another one.
 
@@ -83,7 +83,7 @@ def end_outage(state: State, user: User, phase: int) -> None:
         links.outage_until_us, links.outage_ended_in = state.now_us, phase
 
 
-@rare_rule
+@apart
 def count_outage(state: State, user: User) -> None:
     """Count and log the outage of a user that has ended, if it has lasted more than 0 µs.
 

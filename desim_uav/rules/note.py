@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.transits import flight_of
 from desim_uav.rules.words import ON_LEG, ON_STAGE, REST
@@ -17,7 +17,7 @@ def note(
         _append(state, phase, kind, drone, user, request, station)
 
 
-@rare_rule
+@apart
 def _append(
     state: State, phase: int, kind: int, drone: int, user: int, request: int, station: int
 ) -> None:
@@ -62,7 +62,7 @@ def note_leg(world: Constants, state: State, drone: Drone) -> None:
         _append_leg(world, state, drone)
 
 
-@rare_rule
+@apart
 def _append_leg(world: Constants, state: State, drone: Drone) -> None:
     """Append a leg (see ``note_leg``)."""
     if drone.off_grid:

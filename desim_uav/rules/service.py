@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.credit import credit_service
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
@@ -215,7 +215,7 @@ def regrade(world: Constants, state: State, drone: Drone, user: User) -> None:
     scan_if_used(state, drone)
 
 
-@rare_rule
+@apart
 def suspend(world: Constants, state: State, drone: Drone, phase: int) -> None:
     """Let the requests that a drone admitted last wait until the others fit into its bandwidth."""
     while drone.free_hz < 0 <= world.radios[drone.radio].bandwidth_hz:
@@ -300,7 +300,8 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
     count_asking(state, user, -1)
     if state.keeps_tasks:
         close_task(state, user, phase)
-    _log_request(world, state, request, kind)
+    if state.keeps_requests:
+        _log_request(world, state, request, kind)
     note(state, phase, kind, user.holder, user.index, request.number, -1)
     if state.keeps_links:
         end_outage(state, user, phase)
@@ -340,27 +341,26 @@ def count_attached(state: State, user: User) -> None:
     request.attached_us += state.now_us - max(user.held_since_us, request.t_request_us)
 
 
-@rule
+@apart
 def _log_request(world: Constants, state: State, request: Request, kind: int) -> None:
-    """Log a request that is closed now by a kind of event, if requests are logged."""
-    if state.keeps_requests:
-        closed = state.closed.added()
-        closed.request_id = request.number
-        closed.user = request.user
-        closed.service = request.service
-        closed.stage = request.stage
-        closed.bandwidth_bps = request.bandwidth_bps
-        closed.required = request.required
-        closed.done = request.done
-        closed.served_us = request.served_us
-        closed.attached_us = request.attached_us
-        closed.t_request_us = request.t_request_us
-        closed.t_first_us = request.t_first_us
-        closed.t_end_us = state.now_us
-        closed.interruptions = request.interruptions
-        log_task(world, state, request, closed)
-        count_amounts(world, request, closed)
-        closed.kind = kind
+    """Log a request that is closed now by a kind of event."""
+    closed = state.closed.added()
+    closed.request_id = request.number
+    closed.user = request.user
+    closed.service = request.service
+    closed.stage = request.stage
+    closed.bandwidth_bps = request.bandwidth_bps
+    closed.required = request.required
+    closed.done = request.done
+    closed.served_us = request.served_us
+    closed.attached_us = request.attached_us
+    closed.t_request_us = request.t_request_us
+    closed.t_first_us = request.t_first_us
+    closed.t_end_us = state.now_us
+    closed.interruptions = request.interruptions
+    log_task(world, state, request, closed)
+    count_amounts(world, request, closed)
+    closed.kind = kind
 
 
 @rule

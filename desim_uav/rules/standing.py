@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.model.geometry.coverage import VX, VY, X0, Y0
-from desim_uav.rowcode.kernels import rule
+from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
 COURSES = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
@@ -24,7 +24,7 @@ def stand(world: Constants, path: Path) -> int:
     return 1
 
 
-@rule
+@apart
 def recall(world: Constants, state: State, drone: Drone) -> None:
     """Write the crossings of a leg that begins now, from the table, into ``drone.ahead``.
 

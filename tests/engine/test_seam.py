@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
+import pytest
+
 from desim_uav.engine.compiled import calls, simulation  # noqa: F401  (which import all engine code)
 from desim_uav.engine.compiled.components import SLOTS
 from desim_uav.rowcode.code_digest import STANDS_IN
@@ -27,3 +32,21 @@ def test_all_other_functions_by_address_are_those_of_components():
     kinds = list(Constants.kinds)
     functions = {one.name for slot in SLOTS for one in slot.functions}
     assert set(kinds[kinds.index("foresee") :]) - functions == {*FORESEEN, "run"}
+
+
+TRAIN = """
+from desim_uav.learning.training import Training
+from desim_uav.rowcode.compiled_apart import _CELLS
+from desim_uav.scenario.load import load
+from desim_uav.world import build_world
+
+if __name__ == "__main__":
+    Training(build_world(load("case8"), 0), 0, "batch").play(60)
+    print(*(cell.name for cell in _CELLS.values() if cell.value.value))
+"""
+
+
+@pytest.mark.thorough
+def test_case_8_is_trained_without_any_rule_that_is_compiled_apart():
+    done = subprocess.run([sys.executable, "-c", TRAIN], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import inspect
 import itertools
@@ -423,5 +424,24 @@ def test_the_private_parts_of_numba_are_as_they_were():
     assert list(inspect.signature(numba_parts.InnerCode.finalize).parameters) == ["self"]
     for name in ("_optimize_final_module", "_finalize_final_module", "_get_module_for_linking"):
         assert hasattr(numba_parts._Code, name), name
+    assert isinstance(numba_parts.llvmlite.binding.ffi.lib._lock._cblist, list)
+    assert isinstance(numba_parts._Options()._values, dict)
     source = inspect.getsource(numba_parts._templates._OverloadFunctionTemplate._get_impl)
     assert "cache_key = self.context, tuple(args), tuple(kws.items())" in source
+
+
+def test_numba_collects_no_garbage_while_a_kernel_is_compiled():
+    lock, seen = numba_parts.llvmlite.binding.ffi.lib._lock, []
+    timed = list(lock._cblist)
+
+    class Watched(kernels.KernelCompiler):
+        def define_pipelines(self):
+            seen.append((gc.isenabled(), list(lock._cblist)))
+            return super().define_pipelines()
+
+    assert numba.njit(pipeline_class=Watched)(_identity)(3) == 3
+    assert seen == [(False, [])]
+    assert gc.isenabled() and lock._cblist == timed
+    with pytest.raises(numba.TypingError):
+        numba.njit(pipeline_class=Watched)(lambda x: x.missing)(3)
+    assert gc.isenabled() and lock._cblist == timed

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
-from desim_uav.rowcode.kernels import kernel, maker
+from desim_uav.rowcode.kernels import rule
 
 Cell = tuple[int, int]
 
@@ -84,13 +84,13 @@ class Grid(Unchanging):
         return level_index(z_m, self.levels_m[0], self.level_step_m, len(self.levels_m))
 
 
-@kernel
+@rule
 def cell_index(at_m: float, cell_m: float, cells: int) -> int:
     """Return the index of the cell along one axis that holds a coordinate, clipped to the map."""
     return int(min(max(int(at_m // cell_m), 0), cells - 1))
 
 
-@kernel
+@rule
 def level_index(z_m: float, lowest_m: float, step_m: float, levels: int) -> int:
     """Return the level nearest to an altitude; of two equally near ones, the even one."""
     return int(min(max(int(np.rint((z_m - lowest_m) / step_m)), 0), levels - 1))
@@ -117,31 +117,18 @@ def altitudes(
 
 def reachable(blocked: NDArray[np.bool_], start: Cell) -> NDArray[np.bool_]:
     """Return which cells of one level (nx, ny) can be reached from ``start`` along x and y."""
-    return _flooded(np.ascontiguousarray(blocked), int(start[0]), int(start[1]))
-
-
-@maker
-def _flooded(blocked: NDArray[np.bool_], start_x: int, start_y: int) -> NDArray[np.bool_]:
-    nx, ny = blocked.shape
-    is_reachable = np.zeros((nx, ny), np.bool_)
-    frontier = np.empty((nx * ny, 2), np.int64)
-    is_reachable[start_x, start_y] = True
-    frontier[0, 0], frontier[0, 1] = start_x, start_y
-    waiting = 1
-    while waiting > 0:
-        waiting -= 1
-        ix, iy = frontier[waiting, 0], frontier[waiting, 1]
-        for direction in range(4):
-            jx, jy = ix, iy
-            if direction < 2:
-                jx += 1 - 2 * direction
-            else:
-                jy += 5 - 2 * direction
-            if 0 <= jx < nx and 0 <= jy < ny and not blocked[jx, jy] and not is_reachable[jx, jy]:
-                is_reachable[jx, jy] = True
-                frontier[waiting, 0], frontier[waiting, 1] = jx, jy
-                waiting += 1
-    return is_reachable
+    reached = np.zeros(blocked.shape, np.bool_)
+    reached[start] = True
+    while True:
+        wider = reached.copy()
+        wider[1:] |= reached[:-1]
+        wider[:-1] |= reached[1:]
+        wider[:, 1:] |= reached[:, :-1]
+        wider[:, :-1] |= reached[:, 1:]
+        wider &= reached | ~blocked
+        if (wider == reached).all():
+            return reached
+        reached = wider
 
 
 def connected(blocked: NDArray[np.bool_]) -> bool:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from heapq import heappop, heappush
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.geometry.grid import Cell, Grid
-from desim_uav.rowcode.kernels import kernel, maker
+from desim_uav.rowcode.kernels import kernel, rule
 
 Node = tuple[int, int, int]
 """(cell x, cell y, level)."""
@@ -23,6 +24,9 @@ HOPS: dict[Node, Node] = {
 
 DIRECTIONS: dict[Node, int] = {hop: number for number, hop in enumerate(HOPS)}
 """The numbers of the hops, in the order of HOPS."""
+
+FAR_US = 2**62
+"""The time to a node that is not reached."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +74,12 @@ class Planner:
         for at_least, station in sorted(self._bounds(start)):
             if best is not None and at_least > best.duration_us:
                 break
-            goal = np.array((*self.stations[station], 0))
-            path = shortest_path(blocked, np.array(self.hop_us), np.array(start), goal)
-            if len(path) == 0:
+            path = shortest_path(blocked, self.hop_us, start, (*self.stations[station], 0))
+            if not path:
                 continue
-            hops = tuple(HOPS[dx, dy, dz] for dx, dy, dz in np.diff(path, axis=0).tolist())
+            hops = tuple(
+                HOPS[to[0] - at[0], to[1] - at[1], to[2] - at[2]] for at, to in pairwise(path)
+            )
             duration = sum(self.hop_us[DIRECTIONS[hop]] for hop in hops)
             if best is None or (duration, station) < (best.duration_us, best.station):
                 drained = duration
@@ -89,15 +94,14 @@ class Planner:
 
     def _bounds(self, start: Node) -> list[tuple[int, int]]:
         """Return a lower bound of the time to each station, and the station's index, in order."""
-        hop_us = np.array(self.hop_us)
         return [
-            (int(time_on_open_map(hop_us, ix - start[0], iy - start[1], -start[2])), station)
+            (time_on_open_map(self.hop_us, ix - start[0], iy - start[1], -start[2]), station)
             for station, (ix, iy) in enumerate(self.stations)
         ]
 
 
-@kernel
-def time_on_open_map(hop_us: NDArray[np.int64], dx: int, dy: int, dlevel: int) -> int:
+@rule
+def time_on_open_map(hop_us: Any, dx: int, dy: int, dlevel: int) -> int:
     """Return the shortest time for a distance in cells and levels on a map without buildings."""
     time_us = hop_us[0] * dx if dx > 0 else hop_us[1] * -dx
     time_us += hop_us[2] * dy if dy > 0 else hop_us[3] * -dy
@@ -105,72 +109,100 @@ def time_on_open_map(hop_us: NDArray[np.int64], dx: int, dy: int, dlevel: int) -
     return int(time_us)
 
 
-@maker
 def shortest_path(
+    blocked: NDArray[np.bool_], hop_us: Sequence[int], start: Node, goal: Node
+) -> list[Node]:
+    """Return the nodes of the quickest path from ``start`` to ``goal`` by A*, with both ends.
+
+    The list is empty if there is no path. ``blocked`` has the shape (level, x, y); the start may be
+    blocked. ``hop_us`` has the time of each of the HOPS, all above 0.
+    """
+    (_, nx, ny), nodes = blocked.shape, blocked.size
+    times_us = np.array(hop_us, np.int64)
+    cost, came_from = np.full(nodes, FAR_US), np.full(nodes, -1)
+    waiting = np.empty(6 * nodes + 1, np.int64), np.empty(6 * nodes + 1, np.int64)
+    _search(np.ascontiguousarray(blocked), times_us, (*start, *goal), cost, came_from, *waiting)
+    source, node = ((at[2] * nx + at[0]) * ny + at[1] for at in (start, goal))
+    if cost[node] == FAR_US:
+        return []
+    path = [node]
+    while node != source:
+        node = int(came_from[node])
+        path.append(node)
+    return [(node // ny % nx, node % ny, node // (nx * ny)) for node in reversed(path)]
+
+
+@kernel
+def _search(
     blocked: NDArray[np.bool_],
     hop_us: NDArray[np.int64],
-    start: NDArray[np.int64],
-    goal: NDArray[np.int64],
-) -> NDArray[np.int64]:
-    """Return the quickest path from ``start`` to ``goal`` (x, y, level) by A*: (hops + 1, 3).
+    ends: tuple[int, int, int, int, int, int],
+    cost: NDArray[np.int64],
+    came_from: NDArray[np.int64],
+    estimates_us: NDArray[np.int64],
+    waiting: NDArray[np.int64],
+) -> None:
+    """Write the times from the start, and the nodes before, of all nodes that the search settles.
 
-    The path includes both ends; its shape is (0, 3) if there is none. ``blocked`` has the shape
-    (level, x, y); the start may be blocked, and ``hop_us`` the time of each of the HOPS. The
-    estimate is the time on a map without buildings. It is the shortest time there, because all
-    times are above 0, and therefore consistent, so that each node is settled once. Nodes with equal
-    estimates are settled in the order of their numbers.
+    The estimate is the time on a map without buildings. It is the shortest time there, because all
+    times are above 0, and therefore consistent. Nodes with equal estimates are settled in the order
+    of their numbers. Those that wait are in a heap by estimate and number: its two arrays.
     """
     levels, nx, ny = blocked.shape
-    nodes = levels * nx * ny
-    far = np.int64(2**62)
-    cost = np.full(nodes, far)
-    came_from = np.full(nodes, -1, np.int64)
-    settled = np.zeros(nodes, np.bool_)
-    heap = [(np.int64(0), np.int64(0))]
-    heap.pop()
-    source = (start[2] * nx + start[0]) * ny + start[1]
-    target = (goal[2] * nx + goal[0]) * ny + goal[1]
+    x0, y0, z0, x1, y1, z1 = ends
+    source, target = (z0 * nx + x0) * ny + y0, (z1 * nx + x1) * ny + y1
     cost[source] = 0
-    heappush(heap, (np.int64(0), np.int64(source)))
-    while len(heap) > 0:
-        node = heappop(heap)[1]
-        if settled[node]:
-            continue
-        settled[node] = True
-        if node == target:
-            break
+    estimates_us[0], waiting[0], count = 0, source, 1
+    while count > 0 and waiting[0] != target:
+        node = waiting[0]
+        count -= 1
+        _take_first(estimates_us, waiting, count)
         level, ix, iy = node // (nx * ny), node // ny % nx, node % ny
         for move in range(6):
-            jx, jy, jz = ix, iy, level
-            step = 1 if move % 2 == 0 else -1
-            if move < 2:
-                jx += step
-            elif move < 4:
-                jy += step
-            else:
-                jz += step
-            if not (0 <= jx < nx and 0 <= jy < ny and 0 <= jz < levels):
-                continue
-            if blocked[jz, jx, jy]:
+            step = 1 - 2 * (move & 1)
+            jx = ix + step if move < 2 else ix
+            jy = iy + step if 2 <= move < 4 else iy
+            jz = level + step if move >= 4 else level
+            on_map = 0 <= jx < nx and 0 <= jy < ny and 0 <= jz < levels
+            if not on_map or blocked[jz, jx, jy]:
                 continue
             neighbour = (jz * nx + jx) * ny + jy
             through = cost[node] + hop_us[move]
             if through < cost[neighbour]:
-                cost[neighbour] = through
-                came_from[neighbour] = node
-                rest_us = time_on_open_map(hop_us, goal[0] - jx, goal[1] - jy, goal[2] - jz)
-                estimate = through + rest_us
-                heappush(heap, (np.int64(estimate), np.int64(neighbour)))
-    if not settled[target]:
-        return np.empty((0, 3), np.int64)
-    length = 1
-    node = target
-    while node != source:
-        node = came_from[node]
-        length += 1
-    path = np.empty((length, 3), np.int64)
-    node = target
-    for k in range(length - 1, -1, -1):
-        path[k, 0], path[k, 1], path[k, 2] = node // ny % nx, node % ny, node // (nx * ny)
-        node = came_from[node]
-    return path
+                cost[neighbour], came_from[neighbour] = through, node
+                estimate_us = through + time_on_open_map(hop_us, x1 - jx, y1 - jy, z1 - jz)
+                _put(estimates_us, waiting, count, estimate_us, neighbour)
+                count += 1
+
+
+@kernel
+def _put(
+    keys: NDArray[np.int64], values: NDArray[np.int64], count: int, key: int, value: int
+) -> None:
+    """Add an entry to a heap of ``count`` entries, the first of which is the least."""
+    k = count
+    while k > 0:
+        above = (k - 1) >> 1
+        if keys[above] < key or (keys[above] == key and values[above] <= value):
+            break
+        keys[k], values[k] = keys[above], values[above]
+        k = above
+    keys[k], values[k] = key, value
+
+
+@kernel
+def _take_first(keys: NDArray[np.int64], values: NDArray[np.int64], count: int) -> None:
+    """Remove the first entry of a heap, in which ``count`` entries remain."""
+    key, value, k, below = keys[count], values[count], 0, 1
+    while below < count:
+        other = below + 1
+        if other < count and (
+            keys[other] < keys[below]
+            or (keys[other] == keys[below] and values[other] < values[below])
+        ):
+            below = other
+        if key < keys[below] or (key == keys[below] and value <= values[below]):
+            break
+        keys[k], values[k] = keys[below], values[below]
+        k, below = below, 2 * below + 1
+    keys[k], values[k] = key, value

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.rowcode.kernels import kernel, maker, rule
+from desim_uav.rowcode.kernels import kernel, rule
 from desim_uav.rowcode.rows import Row, Table, row
 
 
@@ -81,7 +81,10 @@ def states_of(
     """
     numbers = np.array([episode % 2**32 for episode in episodes], np.uint64)
     own = np.array(seed_of_each(seeds, episodes), np.uint64)
-    return _seeded_states(own, np.uint64(purpose), numbers, count, np.uint64(first))
+    states = np.empty((len(numbers), count, 4), np.uint64)
+    pools = np.empty((2, 4), np.uint64)
+    _seed_states(own, np.uint64(purpose), numbers, np.uint64(first), pools, states)
+    return states
 
 
 def uniforms_of(
@@ -135,41 +138,44 @@ def _begun(pool: NDArray[np.uint64], seed: np.uint64, purpose: np.uint64) -> np.
     constant = np.uint64(0x43B0D7E5)
     for i in range(4):
         pool[i], constant = _hashmix(seeds[i], constant, np.uint64(0x931E8875))
-    for source in range(4):
-        constant = _stir(pool, pool[source], source, constant)
-    return _stir(pool, purpose, 4, constant)
+    for source in range(5):
+        constant = _stir(pool, pool[source] if source < 4 else purpose, source, constant)
+    return constant
 
 
-@maker
-def _seeded_states(
+@kernel
+def _seed_states(
     seeds: NDArray[np.uint64],
     purpose: np.uint64,
     episodes: NDArray[np.uint64],
-    count: int,
     lowest: np.uint64,
-) -> NDArray[np.uint64]:
-    """Seed SFC64 for each entity as NumPy does, with a SeedSequence of four 32-bit words."""
-    states = np.empty((len(episodes), count, 4), np.uint64)
-    words = np.empty(6, np.uint64)
-    start, pool = np.empty(4, np.uint64), np.empty(4, np.uint64)
-    first = np.uint64(0)
+    pools: NDArray[np.uint64],
+    states: NDArray[np.uint64],
+) -> None:
+    """Seed SFC64 for each entity as NumPy does, with a SeedSequence of four 32-bit words.
+
+    The entities are those from number ``lowest`` on; ``pools`` is memory for two of these words.
+    ``states``: (episodes, entities, 4).
+    """
+    start, pool, first, count = pools[0], pools[1], np.uint64(0), states.shape[1]
     for k in range(len(episodes) * count):
         episode, entity = k // count, k % count
         if entity == 0 and (episode == 0 or seeds[episode] != seeds[episode - 1]):
             first = _begun(start, seeds[episode], purpose)
         for i in range(4):
             pool[i] = start[i]
-        constant = _stir(pool, lowest + np.uint64(entity), 5, first)
-        _stir(pool, episodes[episode], 6, constant)
-        constant = np.uint64(0x8B51F9DD)
-        for i in range(6):
-            words[i], constant = _hashmix(pool[i % 4], constant, np.uint64(0x58F38DED))
+        constant = first
+        for source in range(5, 7):
+            word = lowest + np.uint64(entity) if source == 5 else episodes[episode]
+            constant = _stir(pool, word, source, constant)
+        constant, state = np.uint64(0x8B51F9DD), states[episode, entity]
         for i in range(3):
-            states[episode, entity, i] = words[2 * i] | (words[2 * i + 1] << np.uint64(32))
-        states[episode, entity, 3] = np.uint64(1)
+            low, constant = _hashmix(pool[2 * i % 4], constant, np.uint64(0x58F38DED))
+            high, constant = _hashmix(pool[2 * i % 4 + 1], constant, np.uint64(0x58F38DED))
+            state[i] = low | (high << np.uint64(32))
+        state[3] = np.uint64(1)
         for _ in range(12):
-            next_word(states[episode, entity])
-    return states
+            next_word(state)
 
 
 StreamState = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
@@ -206,18 +212,23 @@ def as_uniform(word: np.uint64) -> float:
     return np.float64(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@maker
 def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
     """Return the next ``count`` uniform numbers of each stream: (streams, count)."""
     numbers = np.empty((len(states), count))
+    _write_uniforms(states, numbers)
+    return numbers
+
+
+@kernel
+def _write_uniforms(states: NDArray[np.uint64], numbers: NDArray[np.float64]) -> None:
+    """Write the next uniform numbers of each stream, as many as there is room for."""
     for stream in range(len(states)):
         own = states[stream]
         state = (own[0], own[1], own[2], own[3])  # in registers
-        for k in range(count):
+        for k in range(numbers.shape[1]):
             word, state = advanced(state)
             numbers[stream, k] = as_uniform(word)
         own[0], own[1], own[2], own[3] = state
-    return numbers
 
 
 # ---- streams of components over rows

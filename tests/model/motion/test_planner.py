@@ -130,8 +130,7 @@ class TestByHand:
 
 def test_shortest_path_holds_both_ends():
     blocked = np.zeros((1, 4, 1), bool)
-    path = shortest_path(blocked, np.ones(6, np.int64), np.array([0, 0, 0]), np.array([3, 0, 0]))
-    assert path.tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]
+    path = shortest_path(blocked, [1] * 6, (0, 0, 0), (3, 0, 0))
+    assert path == [(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)]
     blocked[0, 2, 0] = True
-    path = shortest_path(blocked, np.ones(6, np.int64), np.array([0, 0, 0]), np.array([3, 0, 0]))
-    assert path.shape == (0, 3)
+    assert shortest_path(blocked, [1] * 6, (0, 0, 0), (3, 0, 0)) == []
