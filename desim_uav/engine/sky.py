@@ -11,7 +11,9 @@ from desim_uav.engine.constants import transit_row, transits_of
 from desim_uav.links import Links
 from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.motion.motion import TRAPEZOID
+from desim_uav.model.radio.between import Window, window_rows
 from desim_uav.model.radio.buildings import Buildings, cells_as_prisms
+from desim_uav.model.radio.fits import NONE, SLABS, Fits, fits_of
 from desim_uav.model.radio.links import LOOKS, Link, Look
 from desim_uav.model.radio.marks import KINDS, Mark, memory_for
 from desim_uav.model.radio.tracks import TrackRow
@@ -42,7 +44,7 @@ def scene_of(world: World) -> Scene:
     scene.separation_m = world.scenario.separation_m or 0.0
     scene.transits = Table(map(transit_row, transits_of(world)))
     thresholds = accumulate((len(links.thresholds_db) for links in world.links), initial=0)
-    scene.radios = Table(map(_propagation, world.links, thresholds))
+    scene.radios = Table(map(_propagation, world.links, thresholds, [world] * len(world.links)))
     scene.groups = Table(world.groups.tolist())
     buckets = bucket_grid(*world.area, world.reach_m)
     scene.buckets_x, scene.buckets_y = buckets
@@ -63,11 +65,15 @@ def scene_of(world: World) -> Scene:
     return typed_scene
 
 
-def _propagation(links: Links, lowest: int) -> Propagation:
+def _propagation(links: Links, lowest: int, world: World) -> Propagation:
     """Return how the signals of a radio are received, without the functions of its path loss."""
-    row, radio = blank(Propagation), links.radio
+    row, radio, fits = blank(Propagation), links.radio, _fits_between(world, links)
     row.classes, row.levels, row.lowest = len(links.efficiencies) - 1, len(links.rings_m), lowest
     row.radii_m = Table(links.rings_m.reshape(-1).tolist())
+    row.slabs = fits.terms.shape[3]
+    row.terms = Table(fits.terms.reshape(-1).tolist())
+    row.ranges = Table(fits.ranges.reshape(-1).tolist())
+    row.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
     if radio.graded:
         row.sight = KINDS[radio.sight]
         row.carrier_ghz, row.power_dbm = radio.carrier_ghz, radio.power_dbm
@@ -75,6 +81,20 @@ def _propagation(links: Links, lowest: int) -> Propagation:
         if radio.shadowing is not None:
             row.los_shadow_db, row.nlos_shadow_db = map(float, radio.shadowing)
     return row
+
+
+def _fits_between(world: World, links: Links) -> Fits:
+    """Return the radii of classes between the levels of a radio's links, if it needs them."""
+    radio, levels = links.radio, world.grid.levels_m
+    if (
+        links.free
+        or not links.in_air
+        or len(links.rings_m) != len(levels)
+        or radio.marked
+        or radio.reuse > 0
+    ):
+        return NONE
+    return fits_of(radio, levels, world.heights_m)
 
 
 def buildings_of(world: World) -> Buildings:
@@ -98,6 +118,7 @@ def sky_of(world: World, room: Room) -> Sky:
     if world.graded:
         sky.found = zeros(Change, room.changes)
         sky.order = np.zeros(room.changes, np.int64)
+        sky.windows = zeros(Window, window_rows(SLABS[-1], most_pieces(world)))
     if world.scenario.separation_m is not None:
         pieces = most_pieces(world)
         sky.tracks, sky.turns = zeros(TrackRow, 2 * (pieces + 1)), zeros(Turn, most_turns(pieces))

@@ -16,14 +16,21 @@ from desim_uav.rules.words import LOST, NEVER
 def keeps_rings(world: Constants, drone: Drone) -> bool:
     """Return whether the changes of class on a drone's leg are those of rings.
 
-    They are if the drone keeps its altitude or rings are the same at all altitudes, if nothing
-    interferes, and if all links have the mean loss.
+    They are if the drone keeps its altitude, or rings are the same at all altitudes or known
+    between two levels, if nothing interferes, and if all links have the mean loss.
     """
     radio = world.radios[drone.radio]
-    has_rings = drone.level == drone.to_level
+    has_rings = drone.level == drone.to_level or goes_between(world, drone)
     if drone.off_grid and drone.point < 0:  # at any altitude
         has_rings = world.levels == 1
     return bool(radio.flat) or (world.reuse == 0 and has_rings and not radio.marked)
+
+
+@rule
+def goes_between(world: Constants, drone: Drone) -> bool:
+    """Return whether a drone passes between neighbouring levels, where the rings are known."""
+    has_terms = len(world.scene.radios[drone.radio].terms) > 0
+    return has_terms and abs(drone.to_level - drone.level) == 1
 
 
 @rule

@@ -58,7 +58,8 @@ def show_leg(world: Constants, state: State, drone: Drone) -> None:
     leg.z0_m, leg.z1_m = heights_of(world, drone)
     if drone.transit == REST:
         leg.x1_m, leg.y1_m, leg.z1_m = leg.x0_m, leg.y0_m, leg.z0_m
-    leg.since_us, leg.transit, leg.level = drone.since_us, drone.transit, drone.level
+    leg.since_us, leg.transit = drone.since_us, drone.transit
+    leg.level, leg.to_level = drone.level, drone.to_level
     leg.radio, leg.serving, leg.marked_us = drone.radio, drone.serving, drone.marked_us
     if drone.transit == OWN:
         _show_pieces(drone.course.flight, leg)

@@ -13,6 +13,8 @@ from desim_uav.model.geometry.coverage import (
     sort_into_buckets,
 )
 from desim_uav.model.geometry.crossings import crossings, crossings_near
+from desim_uav.model.radio.between import Climb, class_changes_between
+from desim_uav.model.radio.fits import TERM_COLUMNS
 from desim_uav.model.radio.links import changes_at
 from desim_uav.model.radio.nested import class_changes
 from desim_uav.rowcode.compiled_rows import as_array
@@ -78,7 +80,7 @@ def foresee_rings(
     rings, users = at.radios[leg.radio], _users_of(at, own, walks, numbers, begins)
     _look(at, own, users, span)
     changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
-    if _is_disc(rings, leg):
+    if not _is_between(rings, leg) and _is_disc(rings, leg):
         count = _cross_disc(at, own, users, leg, span, changes)
     else:
         count = _cross_rings(at, own, users, leg, span, changes)
@@ -122,12 +124,33 @@ def _cross_rings(
     """
     rings = scene.radios[leg.radio]
     levels, groups = rings.levels, _circles(rings) // rings.classes
-    own_m = as_array(rings.radii_m, (levels, groups, rings.classes))[leg.level]
+    radii_m = as_array(rings.radii_m, (levels, groups, rings.classes))
+    own_m = radii_m[leg.level]
     flown = _flown(scene, leg, span_us, own_m[0, 0])
     out = changes
     if rings.classes > 1:
         out = as_array(sky.found, (len(sky.found), CHANGE_COLUMNS))
+    if _is_between(rings, leg):
+        lower, shape = min(leg.level, leg.to_level), (groups, rings.classes)
+        bounds_m = as_array(rings.bounds_m, (levels - 1, 2, *shape))[lower]
+        ranges = (levels - 1, groups, rings.slabs, 2, rings.classes)
+        climb = Climb(
+            1.0 if leg.to_level > leg.level else 0.0,
+            (own_m, radii_m[leg.to_level]),
+            bounds_m[0],
+            bounds_m[1],
+            as_array(rings.terms, (levels - 1, *shape, rings.slabs, TERM_COLUMNS))[lower],
+            as_array(rings.ranges, ranges)[lower],
+            sky.windows,
+        )
+        return class_changes_between(flown, climb, users, scene.groups, out)
     return class_changes(flown, users, own_m, scene.groups, out)
+
+
+@rule
+def _is_between(rings: Propagation, leg: LegRow) -> bool:
+    """Return whether a leg leads between two levels where the rings are known."""
+    return leg.level != leg.to_level and len(rings.terms) > 0
 
 
 @rule

@@ -6,6 +6,7 @@ state of its episode: before a kernel is called, the rules write the legs that i
 
 from __future__ import annotations
 
+from desim_uav.model.radio.between import Window
 from desim_uav.model.radio.buildings import Corner, Stretch
 from desim_uav.model.radio.links import Air, Change
 from desim_uav.model.radio.tracks import TrackRow, Turn
@@ -47,7 +48,8 @@ class Propagation(Row):
 
     While nothing interferes, classes hold within circles. ``radii_m`` has the radii of all classes
     from 1 on, by level and then by the groups into which users fall by their heights; an access
-    point has one level.
+    point has one level. ``terms`` to ``bounds_m`` are the fits between levels, with so many
+    ``slabs`` between two of them (``model.radio.fits.Fits``), or empty.
     """
 
     classes: int
@@ -64,6 +66,10 @@ class Propagation(Row):
     loss_values: int
     lowest: int
     radii_m: Table[float]
+    slabs: int
+    terms: Table[float]
+    ranges: Table[float]
+    bounds_m: Table[float]
 
 
 @row
@@ -105,7 +111,7 @@ class LegRow(Row):
     """The leg of a sender since ``since_us``: a straight flight by a transit, and then a hover.
 
     ``transit`` is the number of one of ``Scene.transits``, or below 0 if the ``pieces`` of the leg
-    are its own, in free flight. ``level`` is that at its start. The sender has a
+    are its own, in free flight. ``level`` and ``to_level`` are those at its ends. The sender has a
     ``radio`` of a number and transmits in a ``band``, and ``serving`` says whether it has served
     users before. Its marks count since ``marked_us``. If all changes of it are ``sought``
     (``links.foresee_all``), so many ``changes`` are found.
@@ -120,6 +126,7 @@ class LegRow(Row):
     since_us: int
     transit: int
     level: int
+    to_level: int
     radio: int
     band: int
     serving: int
@@ -149,8 +156,8 @@ class Sky(Row):
 
     ``seen`` is what is known of the users' walks from ``from_us`` to ``to_us``
     (``coverage.SEEN_ROWS``), and ``heads`` and ``following`` are the users in buckets, of whom none
-    moves farther than ``far_m`` along an axis. ``changes`` are those on a leg. ``found``
-    and ``order`` are memory if links have classes. ``tracks`` is memory for the tracks of
+    moves farther than ``far_m`` along an axis. ``changes`` are those on a leg. ``windows``,
+    ``found`` and ``order`` are memory if links have classes. ``tracks`` is memory for the tracks of
     two legs, and ``turns`` are those of a pair of drones, whose state is 1 while they are too near.
     Both are empty if drones need not keep a distance.
 
@@ -162,8 +169,8 @@ class Sky(Row):
     """
 
     scratch = (
-        *("seen", "heads", "following", "changes", "found", "order", "tracks", "turns"),
-        *("held", "passed"),
+        *("seen", "heads", "following", "changes", "windows", "found", "order", "tracks"),
+        *("turns", "held", "passed"),
     )
     scratch_at: int
     scratch_words: int
@@ -175,6 +182,7 @@ class Sky(Row):
     heads: Table[int]
     following: Table[int]
     changes: Table[Change]
+    windows: Table[Window]
     found: Table[Change]
     order: Table[int]
     tracks: Table[TrackRow]

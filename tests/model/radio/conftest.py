@@ -8,6 +8,7 @@ COMPILED_APART = (
     "test_air",
     "test_air_bounds",
     "test_air_together",
+    "test_link_between",
     "test_link_nested",
     "test_marks",
 )
