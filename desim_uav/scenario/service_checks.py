@@ -79,6 +79,12 @@ def tasks_find_processors(scenario: Scenario) -> Iterator[Finding]:
             )
         elif sender.processor is not None and not needing:
             yield Finding((*key, "processor"), _NOTHING, (("services",),))
+        elif sender.processor and sender.processor.clock < scenario.user_count:
+            least = scenario.user_count / 1e6
+            message = (
+                f"must be at least {least:g}, so that {scenario.user_count} users can share it"
+            )
+            yield Finding((*key, "processor", "ghz"), message, (("users",),))
 
 
 def users_can_compute(scenario: Scenario) -> Iterator[Finding]:
