@@ -118,16 +118,16 @@ MUTATIONS = (
     Mutation(
         "A* with an overestimate of the remaining time",
         "model/motion/planner.py",
-        "estimate = through + rest_us",
-        "estimate = through + 2 * rest_us",
+        "estimate_us = through + time_on_open_map(",
+        "estimate_us = through + 2 * time_on_open_map(",
         ("model/motion/test_planner.py",),
     ),
     # ---- draws and order
     Mutation(
         "users' walks drawn from the random stream of the demand",
         "model/mobility/mobility.py",
-        "states = states_of(seeds, Purpose.MOBILITY, episodes, len(homes))",
-        "states = states_of(seeds, Purpose.DEMAND, episodes, len(homes))",
+        "states = states_of(seeds, Purpose.MOBILITY, episodes, len(homes), first)",
+        "states = states_of(seeds, Purpose.DEMAND, episodes, len(homes), first)",
         ("model/random/test_streams.py",),
     ),
     Mutation(

@@ -218,20 +218,20 @@ class TestGroups:
         assert [row[by] for row in rows] == values
         assert {type(row[by]) for row in rows} == {qoe.GROUPS[by]}
 
-    @pytest.mark.parametrize("by", qoe.GROUPS)
+    @pytest.mark.parametrize("by", sorted({*qoe.GROUPS} - {"group"}))
     def test_a_group_is_summed_up_like_any_requests(self, by):
         requests = self.requests()
         for row in qoe.grouped(requests, by):
             assert row == {by: row[by]} | qoe.summary(requests[requests[by] == row[by]])
 
-    @pytest.mark.parametrize("by", qoe.GROUPS)
+    @pytest.mark.parametrize("by", sorted({*qoe.GROUPS} - {"group"}))
     def test_the_groups_make_up_the_whole(self, by):
         rows, whole = qoe.grouped(self.requests(), by), qoe.summary(self.requests())
         assert sum(row["requests"] for row in rows) == whole["requests"]
         mean = sum(row["qoe1_percent"] * row["requests"] for row in rows) / whole["requests"]
         assert mean == pytest.approx(whole["qoe1_percent"])
 
-    @pytest.mark.parametrize("by", qoe.GROUPS)
+    @pytest.mark.parametrize("by", sorted({*qoe.GROUPS} - {"group"}))
     def test_no_requests_no_groups(self, by):
         assert qoe.grouped(frame(), by) == []
 

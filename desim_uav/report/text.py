@@ -283,7 +283,7 @@ def estimate_cells(estimate: dict[str, Any], form: str) -> tuple[str, ...]:
 
 def _print_tasks(by: str, rows: list[dict[str, Any]]) -> None:
     """Print the measures of tasks, if there are tasks."""
-    if "deadlines_met_percent" in rows[0]:
+    if rows and "deadlines_met_percent" in rows[0]:
         _print(by, rows, "", TASKS)
 
 

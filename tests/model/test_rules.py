@@ -151,4 +151,5 @@ def test_who_is_in_the_air():
 
 
 def test_how_requests_end():
-    assert [str(outcome) for outcome in Outcome] == ["completed", "unfinished", "never_served"]
+    ends = ["completed", "unfinished", "never_served", "late"]
+    assert [str(outcome) for outcome in Outcome] == ends
