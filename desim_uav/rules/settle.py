@@ -77,7 +77,7 @@ def _settle_all(
     while state.to_scan > 0:
         drone = state.senders[d]
         if drone.scan:
-            if state.keeps_links:
+            if state.keeps_links and drone.free_hz < 0:
                 suspend(world, state, drone, attachment)
             drone.scan = 0
             state.to_scan -= 1
