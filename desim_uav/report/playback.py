@@ -219,6 +219,11 @@ class Playback:
         """The services of requests by drones, with their times."""
         return self._spells("serve", "stop")
 
+    @cached_property
+    def own_parts(self) -> Spells:
+        """The times in which users compute parts of their tasks themselves; at most one each."""
+        return self._spells("compute", "computed")
+
     def _spells(self, begins: str, ends: str) -> Spells:
         """Return each beginning with its end, which is the next of the same drone and user."""
         events = self._events[self._events["kind"].isin([begins, ends])]
@@ -240,7 +245,7 @@ class Playback:
         requests = self.run.of("requests", self.episode)
         events = self._events.dropna(subset=["request_id"])
         opened = events[events["kind"] == "request"]
-        closed = events[events["kind"].isin(["complete", "refuse", "close"])]
+        closed = events[events["kind"].isin(["complete", "refuse", "close", "late"])]
 
         def key_of(rows: pd.DataFrame) -> Ints:
             keys = pd.Series(rows["key"].to_numpy(), rows["request_id"].to_numpy(np.int64))
@@ -285,20 +290,35 @@ class Playback:
 
     def _measures(self, t_us: int, key: int) -> Measures:
         """Return the quality of experience so far, including that of open requests."""
-        requests, served, attachments = self._requests, self.services, self.attachments
+        requests, attachments = self._requests, self.attachments
         underway = requests.from_key <= key
         held_us = attachments.lasted_us(t_us, key).sum()
         users = len(self.run.world.homes)
         qoe3 = float(100 * held_us / (t_us * users)) if t_us else None
         if not underway.any():
             return Measures(None, None, qoe3)
-        of_request = np.searchsorted(requests.request_id, served.request_id)
-        served_us = np.bincount(of_request, served.lasted_us(t_us, key), len(underway))[underway]
+        served_us = self._served_us(t_us, key)[underway]
         end_s = np.minimum(requests.t_end_s[underway], t_us / US)
         open_us = (end_s - requests.t_request_s[underway]) * US
         qoe1 = 100 * float((served_us / US / requests.full_service_s[underway]).mean())
         qoe2 = float((open_us - served_us).mean()) / self.run.world.step_us
         return Measures(qoe1, qoe2, qoe3)
+
+    def _served_us(self, t_us: int, key: int) -> Floats:
+        """Return for how long each request has been served, by a drone, by its user, or by both."""
+        ids, served, own = self._requests.request_id, self.services, self.own_parts
+        of_request = np.searchsorted(ids, served.request_id)
+        counted_us = np.bincount(of_request, served.lasted_us(t_us, key), len(ids))
+        lasted_us: Floats = counted_us.astype(np.float64)
+        if not len(own.request_id):
+            return lasted_us
+        of_own = np.searchsorted(ids, own.request_id)
+        begun_us, ended_us = np.zeros((2, len(ids)))
+        begun_us[of_own], ended_us[of_own] = own.from_us, np.minimum(own.to_us, t_us)
+        own_us = np.maximum(ended_us - begun_us, 0.0)
+        last_us = np.minimum(ended_us[of_request], np.minimum(served.to_us, t_us))
+        both_us = np.maximum(last_us - np.maximum(begun_us[of_request], served.from_us), 0.0)
+        return lasted_us + own_us - np.bincount(of_request, both_us, len(ids))
 
 
 class RequestTimes(NamedTuple):

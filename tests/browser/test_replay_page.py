@@ -66,6 +66,16 @@ RUNS = {
         "random",
         ("services.file={kind: 'tests.staged:Exchange', up_mbit: [1], down_mbit: [2]}",),
     ),
+    "tasks": (
+        RADIO,
+        "random",
+        (
+            "services.file={kind: compute, input_mbit: [1, 9], cycles_per_bit: [800], "
+            "deadline_s: 3, on_deadline: drop}",
+            *("drones.processor={ghz: 1}", "users.processor={ghz: 0.3}", "offloading=split"),
+            "access_points=[]",
+        ),
+    ),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
     "mixed": (MIXED, "random", ()),
@@ -79,7 +89,7 @@ RUNS = {
         ),
     ),
 }
-GRADED = ("radio", "far", "staged")
+GRADED = ("radio", "far", "staged", "tasks")
 """The runs with links of several rates."""
 STATES = {state: look.word for state, look in USERS.items()}
 

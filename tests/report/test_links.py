@@ -101,10 +101,20 @@ def test_requests_for_a_volume_take_the_time_of_their_mean_rate() -> None:
     assert mean_rate_bps(requests).tolist() == [500_000.0, 0.0, 64_000.0]
 
 
+SPLIT = (
+    "services.file={kind: compute, input_mbit: [1, 9], cycles_per_bit: [800], deadline_s: 30}",
+    *("drones.processor={ghz: 1}", "users.processor={ghz: 0.3}", "offloading=split"),
+    "access_points=[]",
+)
+
+
 @pytest.mark.thorough
-def test_measures_at_the_end_are_those_of_the_run(tmp_path: Path) -> None:
+@pytest.mark.parametrize("overrides", [(), SPLIT], ids=["links", "tasks"])
+def test_measures_at_the_end_are_those_of_the_run(
+    tmp_path: Path, overrides: tuple[str, ...]
+) -> None:
     run_to_folder(
-        load(RADIO),
+        load(RADIO, overrides),
         "random",
         episodes=2,
         warmup=0,

@@ -32,9 +32,10 @@ TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
 
 OF_LINKS = {"class", "handover", "ping_pong", "outage", "outage_end"}
 OF_PAIRS = {"conflict", "clear"}
-NAMES_DRONE = ({*KINDS[6:]} | {"serve", "stop"}) - {"outage", "outage_end", "stage"}
-NAMES_USER = {*KINDS[:10], "stage"} | OF_LINKS
-NAMES_REQUEST = {*KINDS[:6], "stage"}
+OF_REQUESTS = {*KINDS[:6], "stage", "late", "compute", "computed"}
+NAMES_DRONE = ({*KINDS} - OF_REQUESTS - {"outage", "outage_end"}) | {"serve", "stop"}
+NAMES_USER = {*KINDS[:10]} | OF_REQUESTS | OF_LINKS
+NAMES_REQUEST = OF_REQUESTS
 NAMES_STATION = {"land", "charge", "charged", "respawn"}
 
 

@@ -21,16 +21,18 @@ export function requestSoFar(state, r) {
     } else if (kind === "stop") {
       spell(found, event.tUs[i]);
       found.by = -1;
-    } else if (kind === "complete" || kind === "refuse" || kind === "close") {
+    } else if (CLOSES.has(kind)) {
       found.endUs = event.tUs[i];
       found.outcome = kind === "complete" ? "completed"
-        : kind === "refuse" ? "refused" : found.servedUs > 0 ? "unfinished" : "never served";
+        : kind === "refuse" ? "refused" : kind === "late" ? "late" : found.servedUs > 0 ? "unfinished" : "never served";
     }
   }
   if (found.by >= 0) spell(found, state.tUs);
   found.asked = request.tUs[r] <= state.tUs;
   return found;
 }
+
+const CLOSES = new Set(["complete", "refuse", "close", "late"]);
 
 /** A service of 0 µs does not count. */
 function spell(found, untilUs) {

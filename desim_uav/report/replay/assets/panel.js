@@ -56,7 +56,7 @@ export class Panel {
     }
     const groups = [
       ["every event", []],
-      ["requests", ["request", "complete", "refuse", "close"]],
+      ["requests", ["request", "complete", "refuse", "close", "late"]],
       ["services", ["serve", "stop"]],
       ["attachments", ["attach", "detach"]],
       ["crossings", ["enter", "exit"]],

@@ -23,6 +23,7 @@ export class State {
       holder: new Int16Array(run.users).fill(-1),
       request: new Int32Array(run.users).fill(-1),
       served: new Uint8Array(run.users),
+      computes: new Uint8Array(run.users),
       mode: new Uint8Array(run.drones),
       station: new Int16Array(run.drones).fill(-1),
       sinceUs: new Float64Array(run.drones),
@@ -218,16 +219,31 @@ export class State {
     this.served[u] = 1;
     this.servedBy[d] += 1;
     this.usedBps[d] += this.episode.request.bandwidthBps[r];
-    this.sums.serving += 1;
-    this.sums.rate += 1 / this.episode.request.requiredUs[r];
+    if (!this.computes[u]) this.#progress(r, 1);
   }
 
   _stop(d, u, r) {
     this.served[u] = 0;
     this.servedBy[d] -= 1;
     this.usedBps[d] -= this.episode.request.bandwidthBps[r];
-    this.sums.serving -= 1;
-    this.sums.rate -= 1 / this.episode.request.requiredUs[r];
+    if (!this.computes[u]) this.#progress(r, -1);
+  }
+
+  /** A user computes a part of its task itself, beside what drones do for it. */
+  _compute(d, u, r) {
+    this.computes[u] = 1;
+    if (!this.served[u]) this.#progress(r, 1);
+  }
+
+  _computed(d, u, r) {
+    this.computes[u] = 0;
+    if (!this.served[u]) this.#progress(r, -1);
+  }
+
+  /** A request begins to progress (by 1), or does so no longer (-1). */
+  #progress(r, by) {
+    this.sums.serving += by;
+    this.sums.rate += by / this.episode.request.requiredUs[r];
     if (this.sums.serving === 0) this.sums.rate = 0; // no crumbs of rounding
   }
 
@@ -237,6 +253,8 @@ export class State {
   }
 
   _refuse(d, u) { this._close(d, u); }
+
+  _late(d, u) { this._close(d, u); }
 
   _close(d, u) {
     this.request[u] = -1;
