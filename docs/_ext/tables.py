@@ -9,6 +9,7 @@ from desim_uav import records
 TYPES = {
     records.INT: "whole number",
     "Int64": "whole number or null",
+    "boolean": "true, false or null",
     records.FLOAT: "number",
     records.BOOL: "true or false",
     records.TEXT: "text",
