@@ -80,7 +80,7 @@ TASKS = Columns(
     own_s=(FLOAT, "Seconds for which the user's own processor computed it."),
     restarts=(INT, "How often it began anew because a drone that had received it crashed."),
     deadline_s=(FLOAT, "When the request is late. Null if it has no deadline."),
-    late=(MAYBE, "Whether it was not done by its deadline. Null if that is not decided."),
+    late=(MAYBE, "Whether it missed its deadline. Null without one, or if it is not over."),
 )
 
 OWN = Columns(

@@ -157,7 +157,8 @@ def _user_j(request: ClosedRequest, own: UserProcessor | None) -> float | None:
     """Return what a user's device used for a task, in J; None without a processor."""
     if own is None:
         return None
-    return float(own.busy_w * request.own_us + own.transmit_w * request.uplink_us) / US
+    sent_us = request.uplink_us if request.asked_cycles else 0  # else it may have come down
+    return float(own.busy_w * request.own_us + own.transmit_w * sent_us) / US
 
 
 STEP_VALUES: dict[str, Callable[[Any], Any]] = {

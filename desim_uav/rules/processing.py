@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from desim_uav.model.processing import RowProcessing
+from desim_uav.model.services import NOWHERE
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.note import note_stage
@@ -90,11 +91,16 @@ def halt_processor(world: Constants, state: State, drone: Drone, phase: int) -> 
 
 @rare_rule
 def lose_tasks(world: Constants, state: State, drone: Drone, phase: int) -> None:
-    """Let all tasks that a drone has received begin anew, because it has crashed."""
+    """Let all tasks that a drone has received begin anew, because it has crashed.
+
+    The part of a task of which the result has come down is not lost, though the user may still be
+    computing the rest.
+    """
     drone.computes = 0
     for u in range(len(state.users)):
         user, task = state.users[u], state.tasks[u]
-        if user.request.number >= 0 and task.site == drone.index:
+        is_here = task.site == drone.index and user.request.line != NOWHERE
+        if user.request.number >= 0 and is_here:
             if user.request.server >= 0:
                 stop(state, user, phase)
             leave(drone, user)

@@ -24,7 +24,7 @@ AFTER_ALL = (1 << 24) - 2
 
 @rule
 def forget_task(state: State, user: User) -> None:
-    """Reset what was kept of a task of the previous episode."""
+    """Reset what is kept of a user's task."""
     task = state.tasks[user.index]
     task.part, task.site, task.deadline_us = 1.0, -1, words.NEVER
     task.own = task.own_from_us = task.own_until_us = task.own_done = 0

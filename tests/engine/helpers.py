@@ -73,6 +73,21 @@ def strip(
     return build_world(from_mapping(merged(base, changes)), 0)
 
 
+def radio(**changes: Any) -> dict[str, Any]:
+    """A radio with 1 MHz whose only class has 1 bit/s/Hz, from 50 dB on."""
+    return {
+        "kind": "link_classes",
+        "power_dbm": 100,
+        "bandwidth_mhz": 1,
+        "noise_figure_db": 0,
+        "noise_dbm_per_hz": -60,
+        "path_loss": {"kind": "log_distance", "exponent": 2, "at_1m_db": 0},
+        "classes": [{"snr_db": 50, "bit_s_hz": 1}],
+        "sharing": "equal",
+        **changes,
+    }
+
+
 def returning(steps: int = 5, **changes: Any) -> World:
     """A station on cell 4 (x = 1080), 600 s of battery, 2 s charged a second."""
     battery = {"autonomy_min": 10, "return_below": 1.0}

@@ -21,7 +21,7 @@ from desim_uav.model.rules import Outcome
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.engine.helpers import Flight, before_end, events, fly, path_of, seen
+from tests.engine.helpers import Flight, before_end, events, fly, path_of, radio, seen
 
 MBIT = 1e6
 """What ``path_of`` takes for a second of service is a bit of a transfer."""
@@ -32,21 +32,6 @@ MAST = 1
 
 pytestmark = pytest.mark.thorough
 """Both engines compile the kernels of links in the air, which takes long."""
-
-
-def radio(**changes: Any) -> dict[str, Any]:
-    """A radio with 1 MHz whose only class has 1 bit/s/Hz, from 50 dB on."""
-    return {
-        "kind": "link_classes",
-        "power_dbm": 100,
-        "bandwidth_mhz": 1,
-        "noise_figure_db": 0,
-        "noise_dbm_per_hz": -60,
-        "path_loss": {"kind": "log_distance", "exponent": 2, "at_1m_db": 0},
-        "classes": [{"snr_db": 50, "bit_s_hz": 1}],
-        "sharing": "equal",
-        **changes,
-    }
 
 
 def mast(x: float, y: float = 100.0, **changes: Any) -> dict[str, Any]:

@@ -32,10 +32,10 @@ from tests.engine.helpers import (
     seen,
     some_command,
 )
+from tests.engine.helpers import radio as usual_radio
 from tests.engine.random_asked import cut, scenario, together, world_of
 from tests.engine.random_radio import audited
 from tests.engine.replay import check_log
-from tests.engine.test_access_points import radio as usual_radio
 from tests.engine.test_by_event import asked
 from tests.selection import by_default
 from tests.verification.engines import SUMS, differences, engines, row

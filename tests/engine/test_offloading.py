@@ -21,7 +21,7 @@ from desim_uav.model.rules import Outcome
 from desim_uav.rules.rows import Constants, State, User
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.engine.helpers import Ask, events, fly, path_of, seen
+from tests.engine.helpers import Ask, events, fly, path_of, radio, seen
 from tests.engine.test_transfers import FAR, NEAR
 
 pytestmark = pytest.mark.usefixtures("every_engine")
@@ -31,16 +31,7 @@ AWAY = (300.0, 690.0)
 """340 m from the drone, which is out of reach."""
 
 
-RADIO = {
-    "kind": "link_classes",
-    "power_dbm": 100,
-    "bandwidth_mhz": 1,
-    "noise_figure_db": 0,
-    "noise_dbm_per_hz": -60,
-    "path_loss": {"kind": "log_distance", "exponent": 2, "at_1m_db": 0},
-    "classes": [{"snr_db": 50, "bit_s_hz": 1}, {"snr_db": 60, "bit_s_hz": 2}],
-    "sharing": "equal",
-}
+RADIO = radio(classes=[{"snr_db": 50, "bit_s_hz": 1}, {"snr_db": 60, "bit_s_hz": 2}])
 
 
 def world_of(

@@ -36,7 +36,7 @@ from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.sky.rows import Sky
 from desim_uav.world import World, build_world
-from tests.engine import random_radio
+from tests.engine import random_radio, random_tasks
 from tests.engine.helpers import scenarios, some_command
 from tests.engine.test_engine_copies import EVENTFUL, everything, stepped, world_of
 from tests.selection import by_default
@@ -46,7 +46,7 @@ FAST = "users.mobility={kind: random_walk, speed_mps: 190.0, leg_s: 2.0}"
 
 
 def new(name: str, world: World, **changes: Any) -> Any:
-    ceilings = (True,) * world.scenario.drones.count
+    ceilings = (True,) * world.scenario.drone_count
     settings = RunSettings(ceilings, world.scenario.episode.carry_over, keep_events=True)
     return make_engine(name, world, settings._replace(**changes))
 
@@ -155,6 +155,12 @@ def test_in_both_engines():
 def test_in_both_engines_with_radio():
     for seed in range(2):
         check(random_radio.world_of(seed), seed)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [4003, 4005])
+def test_in_both_engines_with_tasks(seed: int):
+    check(random_tasks.world_of(seed), seed)
 
 
 @pytest.mark.parametrize("count", by_default([], [10, 100], at_most=1))
@@ -355,7 +361,7 @@ def test_many_orders_of_copies_pickles_and_ends(seed: int):
 
 
 def forked(world: World, count: int) -> tuple[Any, Forks, list[Engine]]:
-    settings = RunSettings((True,) * world.scenario.drones.count, True, keep_steps=False)
+    settings = RunSettings((True,) * world.scenario.drone_count, True, keep_steps=False)
     engine: Any = make_engine("batch", world, settings)
     engine.reset(draw(world, 0, 0))
     engine.step([4] * len(engine.drones))

@@ -16,7 +16,7 @@ from desim_uav.engine.base import ClosedRequest, EpisodeLog
 from desim_uav.model.rules import Outcome
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.engine.helpers import US, Ask, events, fly, merged, path_of, seen
+from tests.engine.helpers import US, Ask, events, fly, merged, path_of, radio, seen
 
 pytestmark = pytest.mark.usefixtures("every_engine")
 
@@ -30,25 +30,16 @@ SERVICES = {
 }
 """Services by their numbers; all amounts are told for each task."""
 
-RADIO = {
-    "kind": "link_classes",
-    "power_dbm": 100,
-    "bandwidth_mhz": 1,
-    "noise_figure_db": 0,
-    "noise_dbm_per_hz": -60,
-    "path_loss": {"kind": "log_distance", "exponent": 2, "at_1m_db": 0},
-    "classes": [{"snr_db": 57, "bit_s_hz": 1}, {"snr_db": 90, "bit_s_hz": 2}],
-    "sharing": "equal",
-}
+RADIO = radio(classes=[{"snr_db": 57, "bit_s_hz": 1}, {"snr_db": 90, "bit_s_hz": 2}])
 NO_BITS = {"kind": "compute", "input_mbit": [1], "cycles_per_bit": [1], "output_mbit": [0, 1]}
 HERE, THERE, NOWHERE = (120.0, 120.0), (600.0, 120.0), (360.0, 1e4)
 """Below drone 0, below drone 1 if there is one, and outside of all footprints."""
 BOTH = ((0, 0), (2, 0))
-"""Where the two of them are."""
+"""The cells of drones 0 and 1."""
 
 
 def world_of(
-    users: Sequence[tuple[float, float]] = (HERE,),
+    places: Sequence[tuple[float, float]] = (HERE,),
     starts: Sequence[tuple[int, int]] = ((0, 0),),
     processor: Mapping[str, Any] | None = None,
     battery: Mapping[str, Any] | None = None,
@@ -65,7 +56,7 @@ def world_of(
             "processor": {"ghz": 0.001, **(processor or {})},
         },
         "stations": {"count": 0},
-        "users": {"positions_m": users, "mobility": {"kind": "static"}},
+        "users": {"positions_m": places, "mobility": {"kind": "static"}},
         "services": {name: NO_BITS | own for name, own in SERVICES.items()},
         "demand": {"kind": "static", "mix": {"plain": 1}},
         "episode": {"steps": 1, "step_s": 60},
@@ -330,6 +321,8 @@ def over_station(
     steps: int,
     processor: Mapping[str, Any],
     access_points: Sequence[Mapping[str, Any]] = (),
+    *,
+    changes: Mapping[str, Any] = {},
     **battery: Any,
 ) -> World:
     """A drone over the station in the middle cell, with a battery for 10 minutes."""
@@ -341,6 +334,7 @@ def over_station(
         stations={"count": 1, "radius_m": 0},
         episode={"steps": steps, "step_s": 60},
         access_points=access_points,
+        **changes,
     )
 
 
@@ -420,6 +414,21 @@ def test_a_crash_sends_a_task_to_where_its_user_is_now() -> None:
     (one,) = log.requests
     assert (one.restarts, one.t_end_us, one.drones) == (1, 104 * US, [0, 1])
     assert (one.sending_us, one.computing_us) == (2 * US, (7 + 10) * US)
+
+
+def test_a_crash_does_not_lose_a_part_that_is_done() -> None:
+    """Half of the task is sent until 80.5 s and computed until 81.5 s; the user needs 100 s.
+
+    The drone falls at 93 s, and the user goes on.
+    """
+    changes = {
+        "users": {"processor": {"ghz": 1e-5}},
+        "offloading": {"kind": "tests.engine.test_offloading:ByService", "part": 0.5},
+    }
+    world = over_station(1, 4, {}, autonomy_min=1.55, on_crash="remove", changes=changes)
+    (one,) = log_of(world, {0: [task(80.0, 1.0, 2.0)]}).requests
+    assert (one.outcome, one.restarts, one.t_end_us) == (Outcome.COMPLETED, 0, 180 * US)
+    assert (one.sending_us, one.computing_us, one.own_us) == (US // 2, US, 100 * US)
 
 
 # ---- access points

@@ -15,7 +15,7 @@ import pytest
 from desim_uav.model.rules import Outcome
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.engine.helpers import Ask, events, fly, path_of, seen
+from tests.engine.helpers import Ask, events, fly, path_of, radio, seen
 
 pytestmark = pytest.mark.usefixtures("every_engine")
 
@@ -27,20 +27,11 @@ def hover(
     users: list[tuple[float, float]], sharing: str = "equal", steps: int = 1, **changes: Any
 ) -> World:
     """Hover over the middle of a cell with 1 MHz: 1 bit/s/Hz from 50 dB on, 2 from 60 dB on."""
-    radio = {
-        "kind": "link_classes",
-        "power_dbm": 100,
-        "bandwidth_mhz": 1,
-        "noise_figure_db": 0,
-        "noise_dbm_per_hz": -60,
-        "path_loss": {"kind": "log_distance", "exponent": 2, "at_1m_db": 0},
-        "classes": [{"snr_db": 50, "bit_s_hz": 1}, {"snr_db": 60, "bit_s_hz": 2}],
-        "sharing": sharing,
-    }
+    classes = [{"snr_db": 50, "bit_s_hz": 1}, {"snr_db": 60, "bit_s_hz": 2}]
     rates = {"bandwidth_kbps": [400]} if sharing == "held" else {}
     scenario = {
         "map": {"size_m": [600, 600], "cells": [1, 1], "dimensions": 2},
-        "drones": {"count": 1, "radio": radio, "battery": None},
+        "drones": {"count": 1, "radio": radio(classes=classes, sharing=sharing), "battery": None},
         "stations": {"count": 0},
         "users": {"positions_m": users, "mobility": {"kind": "static"}},
         "services": {

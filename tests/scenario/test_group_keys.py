@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from desim_uav.errors import ScenarioError
@@ -14,9 +12,9 @@ from desim_uav.scenario.doubts import doubts
 from desim_uav.scenario.load import dump, json_schema, loads, scenario_hash, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.users import NamedUsers
+from tests.scenario.refused import blocks_of, check_block
 
-BLOCKS = (Path(__file__).parent / "group_keys.txt").read_text().split("\n\n")[1:]
-"""A scenario's lines, and after ">> " each of its problems."""
+BLOCKS = blocks_of("group_keys.txt")
 
 TWO = """
 users:
@@ -28,12 +26,7 @@ users:
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.splitlines()[-1][3:60])
 def test_messages(block: str) -> None:
-    lines = block.splitlines()
-    expected = [f"mine.yaml:{line[3:]}" for line in lines if line.startswith(">> ")]
-    assert expected
-    with pytest.raises(ScenarioError) as caught:
-        loads("\n".join(line for line in lines if line[:3] != ">> "), source="mine.yaml")
-    assert list(caught.value.problems) == expected
+    check_block(block)
 
 
 def test_the_groups_and_their_users() -> None:

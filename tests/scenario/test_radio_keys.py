@@ -14,11 +14,11 @@ from desim_uav.model.radio.path_loss import AlHourani
 from desim_uav.model.radio.radio import LinkClasses, Reuse, Shadowing
 from desim_uav.rules.sharing import Equal, Held
 from desim_uav.scenario.load import dump, from_mapping, json_schema, loads, scenario_hash
+from tests.scenario.refused import blocks_of, check_block
 
 HERE = Path(__file__).parent
 
-BLOCKS = (HERE / "radio_keys.txt").read_text().split("\n\n")[1:]
-"""A scenario's lines, and after ">> " each of its problems."""
+BLOCKS = blocks_of("radio_keys.txt")
 
 WHOLE = """
 drones:
@@ -69,11 +69,7 @@ def problems_of(text: str) -> list[str]:
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.splitlines()[-1][3:60])
 def test_messages(block: str) -> None:
-    lines = block.splitlines()
-    text = "\n".join(line for line in lines if not line.startswith(">> "))
-    expected = [line[3:].replace("HERE", str(HERE)) for line in lines if line.startswith(">> ")]
-    assert expected
-    assert problems_of(text) == [f"mine.yaml:{message}" for message in expected]
+    check_block(block)
 
 
 def test_there_are_many() -> None:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from desim_uav.errors import ScenarioError
 from desim_uav.scenario.doubts import deadlines_can_be_met
 from desim_uav.scenario.load import dump, loads, scenario_hash
+from tests.scenario.refused import blocks_of, check_block
 
-BLOCKS = (Path(__file__).parent / "task_keys.txt").read_text().split("\n\n")[1:]
-"""A scenario's lines, and after ">> " each of its problems."""
+BLOCKS = blocks_of("task_keys.txt")
 
 TASKS = """
 drones: {radio: {kind: link_classes, sharing: equal}, processor: {cores: 2, ghz: 2}}
@@ -27,12 +24,7 @@ reward: {kind: coverage_battery}
 
 @pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
 def test_messages(block: str) -> None:
-    lines = block.splitlines()
-    expected = [f"mine.yaml:{line[3:]}" for line in lines if line.startswith(">> ")]
-    assert expected
-    with pytest.raises(ScenarioError) as caught:
-        loads("\n".join(line for line in lines if line[:3] != ">> "), source="mine.yaml")
-    assert list(caught.value.problems) == expected
+    check_block(block)
 
 
 def test_it_can_be_written_and_read_again() -> None:

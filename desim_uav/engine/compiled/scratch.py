@@ -50,9 +50,8 @@ def scratch() -> int:
     """Return the address of the scratch of this thread, for the call of a kernel."""
     if len(_own.blocks[-1]) < _OfThread.most:
         block: Words = np.zeros(2 * _OfThread.most, np.int64)
-        _own.blocks.append(
-            block
-        )  # the smaller ones stay, because states may still have their addresses
+        # The smaller ones stay, because states may still have their addresses.
+        _own.blocks.append(block)
         _own.address = place(block)
     return _own.address
 
