@@ -7,6 +7,7 @@ state of its episode: before a kernel is called, the rules write the legs that i
 from __future__ import annotations
 
 from desim_uav.model.radio.buildings import Corner, Stretch
+from desim_uav.model.radio.curves import Curve
 from desim_uav.model.radio.links import Air, Change
 from desim_uav.model.radio.tracks import TrackRow, Turn
 from desim_uav.model.radio.visits import Visit
@@ -64,6 +65,7 @@ class Propagation(Row):
     loss_values: int
     lowest: int
     radii_m: Table[float]
+    curves: Table[Curve]
 
 
 @row

@@ -28,7 +28,7 @@ from desim_uav.engine.compiled.largest_sums import too_large
 from desim_uav.engine.compiled.slots import tournaments
 from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of
-from desim_uav.engine.sky import Room, scene_of, sky_of
+from desim_uav.engine.sky import Room, draw_curves, scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.mobility.walking import walking_of
@@ -126,6 +126,7 @@ class Fixed(Unchanging):
                     component = components[slot.key]
                     codes.append(compiled(slot.functions, component, self.services))
                     point_at(row, slot, codes[-1])
+        draw_curves(constants.scene)
         object.__setattr__(self, "at", int(self.block.ctypes.data))
         object.__setattr__(self, "_loaded", codes)  # the constants point at their values
 

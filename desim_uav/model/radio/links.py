@@ -58,6 +58,13 @@ class Look(Row):
     level_dbm: float
     power_mw: float
     ratio_db: float
+    state: int
+    distance_m: float
+    away_mps: float
+    error_db: float
+    margin_db: float
+    mw_per_m: float
+    db_per_s: float
 
 
 @row
@@ -103,6 +110,10 @@ class Link(Row):
     base_dbm: float
     noise_dbm: float
     noise_mw: float
+    mw: float
+    curves: int
+    curve_count: int
+    curve: int
     x_m: float
     y_m: float
     z_m: float
@@ -279,6 +290,12 @@ def begin_user(link: Link, before: int) -> None:
     """Begin with the next user, whose class was ``before`` until the span."""
     link.began, link.held, link.state = link.rows, before, -1
     link.sought = int(link.out != 0)
+
+
+@rule
+def begin_again(link: Link) -> None:
+    """Forget the changes of a user."""
+    link.rows, link.state = link.began, -1
 
 
 @kernel
