@@ -48,7 +48,8 @@ class Propagation(Row):
 
     While nothing interferes, classes hold within circles. ``radii_m`` has the radii of all classes
     from 1 on, by level and then by the groups into which users fall by their heights; an access
-    point has one level.
+    point has one level. With interference, there may be ``curves`` of the gain
+    (``model.radio.curves``).
     """
 
     classes: int

@@ -25,7 +25,7 @@ from desim_uav.model.radio.curve_looks import (
 from desim_uav.model.radio.curves import curve_at, curves_at, gain_at, slopes_between
 from desim_uav.model.radio.links import ROUNDED_DB, Air, Link, class_at, note, ratio_db
 from desim_uav.model.radio.passing import ROOT_S
-from desim_uav.model.radio.search import stays
+from desim_uav.model.radio.search import TOLERANCE_DB, stays
 from desim_uav.model.radio.slopes import DB
 from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rowcode.rows import address
@@ -249,7 +249,8 @@ def _take_range(link: Link, falls: float, rises: float, least: float, most: floa
 def _settles(air: Air, k: int, left: int) -> bool:
     """Return whether bounds show what the changes of a signal's class are between two looks.
 
-    Either the ratio is monotone, or it stays in its class.
+    Either the ratio is monotone, or it stays in its class, and farther than a tolerance from all
+    others: the other search may miss what goes less far.
     """
     link = air.links[k]
     least, most = bound_ratio(air, k)
@@ -261,7 +262,7 @@ def _settles(air: Air, k: int, left: int) -> bool:
     one, other = before.ratio_db, after.ratio_db
     width = air.looked_s[left - 1] - air.looked_s[left]
     beyond = max(turns_back(width, other - one, least, most), 0.0)
-    beyond += 2.0 * (before.margin_db + after.margin_db)
+    beyond += 2.0 * (before.margin_db + after.margin_db) + TOLERANCE_DB
     return stays(air, link, min(one, other) - beyond, max(one, other) + beyond)
 
 
@@ -344,6 +345,8 @@ def _guess(air: Air, k: int, left: int, threshold: float) -> float:
     one, other = air.links[k].looks[left], air.links[k].looks[left - 1]
     since, width = air.looked_s[left], air.looked_s[left - 1] - air.looked_s[left]
     goes = other.ratio_db - one.ratio_db
+    if goes == 0.0:
+        return since + 0.5 * width
     share = (threshold - one.ratio_db) / goes
     mean = goes / width
     if min(one.db_per_s / mean, other.db_per_s / mean) > 0.25:
