@@ -59,7 +59,7 @@ def hold_changes(seed, count):
 
 
 def test_curves_change_nothing():
-    hold_changes(1, 25)
+    hold_changes(1, 15)
 
 
 @pytest.mark.thorough
