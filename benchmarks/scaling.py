@@ -43,7 +43,7 @@ from desim_uav.engine.episode import Engine
 from desim_uav.model.geometry import coverage, crossings
 from desim_uav.model.rules import Action
 from desim_uav.rowcode.views import array_of
-from desim_uav.rules.rows import Constants, State
+from desim_uav.rules.rows import State
 from desim_uav.sample_path import SamplePath, SamplePaths, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.scenario.schema import Scenario
@@ -270,7 +270,7 @@ def print_buckets(size: Size, rounds: int) -> None:
     plain.make_room_at_once()
     coverage.FEWEST_BUCKETS = fewest
     forget_packed()
-    assert not plain.fixed.block[Constants.places["buckets_x"]]
+    assert not plain.constants.scene.buckets_x
     engines = {"kernel": size.engines["kernel_us"], "plain": kernel_steps(plain)}
     path, told = size.episodes[0]
     costs = {

@@ -8,7 +8,7 @@ import pytest
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.model.mobility.mobility import Static
 from desim_uav.model.mobility.walking import RowWalks
-from desim_uav.rowcode.views import View, array_of
+from desim_uav.rowcode.views import View
 from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths, draw, draw_all
 from desim_uav.scenario.load import load
@@ -59,8 +59,7 @@ def test_what_is_packed_is_what_was_drawn(case):
             assert (row.legs_at == walking.offsets).all()
             assert (row.legs == walking.legs.reshape(-1)).all()
         rows, offsets, _ = path.requests
-        asks = array_of(packed, Path, "asks", at).view(np.int64)
-        assert (asks == rows[:, :2].reshape(-1)).all()
+        assert (row.due_us == rows[:, 0]).all() and (row.services == rows[:, 1]).all()
         assert (row.drawn == rows[:, 2:].reshape(-1)).all()
         assert (row.asks_at == offsets).all()
         assert (row.follows == path.requests.follows).all()

@@ -54,8 +54,11 @@ class CarryOver(Restorable):
         """Return the states in which drones begin the next episode; None if they start afresh."""
         if not self._goes_on:
             return self._carried
-        queues = [list(station.queue) for station in self.state.stations]
-        return self.drones_of(int(self.state.now_us), self.entries("drones"), queues)
+        places = [0] * len(self.drones)
+        for station in self.state.stations:
+            for place, drone in enumerate(list(station.queue)):
+                places[drone] = place
+        return self.drones_of(int(self.state.now_us), self.drones, places)
 
     def carry(self, drones: base.Carried | None) -> None:
         """Let drones begin the next episode in these states, or afresh if they are None.
@@ -78,13 +81,10 @@ class CarryOver(Restorable):
         self._under_way = True
         self.new_log(episode)
 
-    def drones_of(
-        self, now_us: int, drones: Sequence[Any], queues: Sequence[Sequence[int]]
-    ) -> base.Carried:
-        """Return the states of drones at a time, given their rows and the stations' queues."""
-        places = {d: place for queue in queues for place, d in enumerate(queue)}
+    def drones_of(self, now_us: int, drones: Sequence[Any], places: Sequence[int]) -> base.Carried:
+        """Return the states of drones at a time, given their rows and places in queues."""
         carried = []
-        for drone in drones:
+        for drone, place in zip(drones, places, strict=True):
             hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
             goes_on = drone.mode in TIMED and drone.until_us > now_us
             moves = goes_on and not drone.off_grid and drone.transit != REST
@@ -97,9 +97,9 @@ class CarryOver(Restorable):
                     hop if drone.hopping or moves else None,
                     tuple(self.hops(drone.route, drone.route_end)),
                     drone.counted_m,
-                    places.get(drone.index, 0),
+                    place,
                     (drone.fallen_x_m, drone.fallen_y_m) if drone.fallen else None,
-                    carried_course(drone) if drone.off_grid else None,
+                    carried_course(drone.course) if drone.off_grid else None,
                     drone.until_us - now_us if goes_on else 0,
                     drone.taken if goes_on else 0,
                 )

@@ -48,12 +48,14 @@ def set_course(drone: Drone, world: World) -> None:
     """Prepare the course of a new row of a drone that flies freely, or of an access point."""
     if drone.point >= 0:
         point = world.scenario.access_points[drone.point]
-        drone.off_grid, course = 1, drone.course
+        drone.off_grid, drone.course = 1, blank(Course)
+        course = drone.course
         x_m, y_m = map(float, point.at_m)
         course.x0_m, course.y0_m, course.x1_m, course.y1_m = x_m, y_m, x_m, y_m
         course.z0_m = course.z1_m = float(point.height_m)
     elif world.types[drone.type].free:
-        drone.off_grid, drone.course.limit_mps = 1, math.inf
+        drone.off_grid, drone.course = 1, blank(Course)
+        drone.course.limit_mps = math.inf
         for flight in (drone.course.flight, drone.course.probe):
             flight.pieces = Table(blank(PieceRow) for _ in range(TRAPEZOID))
 
@@ -76,14 +78,9 @@ def flown_leg(row: FlownRow) -> FlownLeg:
 # ---- from one episode to the next
 
 
-def carried_course(drone: Any) -> FreeCarried:
+def carried_course(course: Any) -> FreeCarried:
     """Return what an episode takes over of the course of a drone."""
-    names = FreeCarried._fields
-    course = drone.course
-    if isinstance(course, tuple):  # a row of the memory of the compiled engine, as it is
-        course = dict(zip(Course.kinds, course, strict=True))
-        return FreeCarried(*(course[name] for name in names))
-    return FreeCarried(*(getattr(course, name) for name in names))
+    return FreeCarried(*(getattr(course, name) for name in FreeCarried._fields))
 
 
 def carried_leg(space: Space, mode: int, carried: FreeCarried) -> FreeLeg:
@@ -110,4 +107,5 @@ def aims_of(state: Any, step: int, drones: Sequence[Any]) -> None:
     """Give drones the numbers of their commands of an earlier step again."""
     for k, drone in enumerate(drones):
         at = AIMS * (step * len(drones) + k)
-        take_aim(drone, [float(one) for one in state[at : at + AIMS]])
+        if drone.off_grid:
+            take_aim(drone, [float(one) for one in state[at : at + AIMS]])

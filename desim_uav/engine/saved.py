@@ -21,7 +21,17 @@ from desim_uav.copies import Unchanging
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
 from desim_uav.errors import StateError
 from desim_uav.model.state import Snapshot
-from desim_uav.rowcode.rows import Queue, Row, Table, held_by, is_row, origin_of
+from desim_uav.rowcode.rows import (
+    Maybe,
+    Queue,
+    Row,
+    Table,
+    held_by,
+    is_number,
+    is_row,
+    number,
+    origin_of,
+)
 from desim_uav.rowcode.views import View
 from desim_uav.rules.rows import Drone, State
 from desim_uav.rules.words import AIMS
@@ -32,7 +42,7 @@ OF_ONE_ENGINE = {
     State: {
         *("keeps_requests", "drones", "events", "closed", "handovers", "records", "point_records"),
         *("flown", "away_m"),
-        *("look", "sky", "slot_times", "slot_keys", "winners", "before"),
+        *("look", "sky", "slot_times", "slot_keys", "winners", "before", "before_us"),
     },
     Drone: {"route", "route_end", "features"},
 }
@@ -199,14 +209,18 @@ def read(one: Row | View, cls: Any) -> Any:
 
 
 def _read(value: Any, kind: Any) -> Any:
-    if kind is int or kind is float:
-        return kind(value)
+    if is_number(kind):
+        return number(kind, value)
     if is_row(kind):
         return read(value, kind)
     of = held_by(kind)
+    if origin_of(kind) is Maybe:
+        return None if value is None else read(value, of)
     if is_row(of):
         return tuple([read(each, of) for each in value])
-    return tuple(value.tolist() if isinstance(value, np.ndarray) else map(of, value))
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist())
+    return tuple([number(of, one) for one in value])
 
 
 def _content_of(values: object) -> Any:
@@ -225,10 +239,13 @@ def _content_of(values: object) -> Any:
 def write(one: Row | View, cls: Any, values: Sequence[Any]) -> None:
     """Write values into the fields of a row, or of a view of one."""
     for (name, kind), value in zip(fields_of(cls), values, strict=True):
-        if kind is int or kind is float:
+        if is_number(kind):
             setattr(one, name, value)
         elif is_row(kind):
             write(getattr(one, name), kind, value)
+        elif origin_of(kind) is Maybe:
+            if value is not None:
+                write(getattr(one, name), held_by(kind), value)
         else:
             _write_entries(one, name, kind, value)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import accumulate, chain
+import math
+from collections.abc import Sequence
+from itertools import accumulate, chain, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,11 +15,13 @@ from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.motion.motion import TRAPEZOID
 from desim_uav.model.radio.between import Window, window_rows
 from desim_uav.model.radio.buildings import Buildings, cells_as_prisms
+from desim_uav.model.radio.curves import MOST_CURVES, Curve, blank_curve, draw
 from desim_uav.model.radio.fits import NONE, SLABS, Fits, fits_of
 from desim_uav.model.radio.links import LOOKS, Link, Look
 from desim_uav.model.radio.marks import KINDS, Mark, memory_for
+from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.radio.tracks import TrackRow
-from desim_uav.rowcode.rows import Table, blank, has_tables, held_by, is_row, origin_of
+from desim_uav.rowcode.rows import Table, address, blank, has_tables, held_by, is_row, origin_of
 from desim_uav.rowcode.views import in_memory, zeros
 from desim_uav.sky.links import MOST_PASSED
 from desim_uav.sky.rows import Change, LegRow, PieceRow, Propagation, Scene, Sky, Turn
@@ -45,6 +49,9 @@ def scene_of(world: World) -> Scene:
     scene.transits = Table(map(transit_row, transits_of(world)))
     thresholds = accumulate((len(links.thresholds_db) for links in world.links), initial=0)
     scene.radios = Table(map(_propagation, world.links, thresholds, [world] * len(world.links)))
+    if _interferes(world) and not world.marked:
+        for number, radio in enumerate(scene.radios):
+            radio.curves = _curves(world, number)
     scene.groups = Table(world.groups.tolist())
     buckets = bucket_grid(*world.area, world.reach_m)
     scene.buckets_x, scene.buckets_y = buckets
@@ -95,6 +102,31 @@ def _fits_between(world: World, links: Links) -> Fits:
     ):
         return NONE
     return fits_of(radio, levels, world.heights_m)
+
+
+def _curves(world: World, number: int) -> Table[Curve]:
+    """Return the curves of a radio, which are still to be drawn.
+
+    There are none if they were too many, or if its path loss has no ``rates``: with ``slope`` only,
+    hardly anything is monotone.
+    """
+    antennas_m: Sequence[float] = world.grid.levels_m
+    if number >= len(world.types):
+        antennas_m = (world.scenario.access_points[number - len(world.types)].height_m,)
+    pairs = product(antennas_m, np.unique(world.homes[:, 2]).tolist())
+    heights_m = {antenna_m - user_m for antenna_m, user_m in pairs}
+    has_rates = type(world.links[number].radio.path_loss).rates is not RowPathLoss.rates
+    if not has_rates or len(heights_m) > MOST_CURVES:
+        return Table()
+    return Table(blank_curve(height_m, math.hypot(*world.area)) for height_m in heights_m)
+
+
+def draw_curves(scene: Any) -> None:
+    """Draw the curves of a scene in memory, in which the functions of path losses are known."""
+    for radio in scene.radios:
+        if len(radio.curves):
+            loss = radio.level, radio.rates, radio.loss_values
+            draw(address(radio.curves[0]), len(radio.curves), *loss, radio.carrier_ghz)
 
 
 def buildings_of(world: World) -> Buildings:

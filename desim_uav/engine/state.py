@@ -52,6 +52,8 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
     observation = scenario.observation
     state.senders = Table(_sender(world, index, buffers) for index in range(senders))
+    for sender in state.senders if state.keeps_credit else ():
+        sender.credit = blank(rows.Credit)
     for drone in state.senders[:drones]:
         drone.features = Table([0.0] * len(world.features_of_types[drone.type]))
     state.drones = Table(state.senders[:drones])
@@ -73,11 +75,12 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.loose.buffer = min(most_loose(users, senders), buffers.loose)
     state.by_level = int(scenario.association.by_level)
     state.renews = int(world.by_event and len(scenario.access_points) > 0)
-    state.unsettled.buffer = users
+    state.unsettled.buffer = users * state.by_level
     state.open_requests, state.asked = _zeros(services), _zeros(services)
     state.observations = Table(blank(rows.ObservationRow) for _ in range(drones))
-    state.records = Table(blank(rows.Record) for _ in range(drones))
-    state.point_records = Table(blank(rows.PointRecord) for _ in range(senders - drones))
+    if state.keeps_requests:
+        state.records = Table(blank(rows.Record) for _ in range(drones))
+        state.point_records = Table(blank(rows.PointRecord) for _ in range(senders - drones))
     state.counts = _zeros(2 * services * drones)
     if getattr(observation, "maps_users", False):
         state.spots = Table(blank(rows.Spot) for _ in range(users))

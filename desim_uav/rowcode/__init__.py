@@ -4,9 +4,10 @@ A *row* is a record with named fields: an object in Python, and a piece of memor
 A *rule* is a plain function over rows, which Python runs as it stands and Numba compiles. The other
 packages use these names:
 
-- ``rows``: ``row`` and ``Row`` declare a record; ``Table``, ``BoundedTable`` and ``Queue`` are
-  kinds of its fields. ``blank``, ``fill``, ``named``, ``attach``, ``packed``, ``place``,
-  ``address``, ``bound`` and ``held_by`` make rows, read and write them.
+- ``rows``: ``row`` and ``Row`` declare a record; ``Table``, ``BoundedTable``, ``Queue`` and
+  ``Maybe`` are kinds of its fields, and ``Int32``, ``Int16`` and ``Fitted`` numbers of few bytes.
+  ``blank``, ``fill``, ``named``, ``attach``, ``packed``, ``place``, ``address``, ``bound`` and
+  ``held_by`` make rows, read and write them.
 - ``views``: ``View``, ``in_memory``, ``array_of``, ``dtype_of``, ``zeros`` and ``records`` read and
   write rows in blocks of memory.
 - ``kernels``: ``rule``, ``rare_rule``, ``apart``, ``kernel``, ``maker`` and ``part`` say how a
@@ -16,7 +17,7 @@ packages use these names:
   function at an address; ``entries_at``, ``array_at``, ``as_array`` and ``place_of`` reach
   into rows.
   ``compiled_types``, ``compiled_entries`` and ``compiled_queues`` say what fields, tables and
-  queues are in compiled code; ``set_word`` writes a word of a queue. ``compiled_registers``:
+  queues are in compiled code; ``set_half`` writes a number of a queue. ``compiled_registers``:
   copies of rows in registers, and choices without a branch.
 - ``components``: dataclasses with a method over rows, whose numbers are a row and whose methods
   are machine code.

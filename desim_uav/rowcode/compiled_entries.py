@@ -7,20 +7,23 @@ from typing import Any
 
 from desim_uav.rowcode.bounds import CHECKED
 from desim_uav.rowcode.compiled_types import (
-    BYTES,
     I64,
+    WORD,
+    ZERO,
     Entries,
     Line,
     Pointer,
-    apart,
+    bytes_in_table,
     get_field,
+    half_of,
     intrinsic,
     load,
     lower_builtin,
     moved,
-    number_at,
+    store,
     type_callable,
     type_of,
+    words_behind,
 )
 from desim_uav.rowcode.numba_parts import (
     TypingError,
@@ -31,7 +34,7 @@ from desim_uav.rowcode.numba_parts import (
     types,
 )
 from desim_uav.rowcode.options import overload
-from desim_uav.rowcode.rows import is_row, width_of
+from desim_uav.rowcode.rows import BYTES, Fitted, Int32, is_row
 
 # ---- entries
 
@@ -40,12 +43,12 @@ def first_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """Return the address of the first entry of a table or a queue."""
     if isinstance(kind, Entries):
         return cgutils.create_struct_proxy(kind)(context, builder, value=value).data
-    return builder.gep(value, [load(context, builder, value, 0, I64, "offset")], inbounds=True)
+    return words_behind(builder, value, half_of(context, builder, value, 0))
 
 
 def _entry(context: Any, builder: Any, kind: Any, value: Any, k: Any) -> Any:
     """Return the address of entry k of a table or a queue."""
-    size = cgutils.intp_t(BYTES.get(kind.of) or 8 * width_of(kind.of))
+    size = cgutils.intp_t(bytes_in_table(kind.of))
     first = first_of(context, builder, kind, value)
     return builder.gep(first, [builder.mul(k, size)], inbounds=True)
 
@@ -77,17 +80,38 @@ def _get_item(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
 
 
 def _get_entry(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+    if sig.args[0].of is Fitted:
+        return _get_fitted(context, builder, sig.args[0], *arguments)
     place = _entry(context, builder, sig.args[0], *arguments)
     if isinstance(sig.return_type, Pointer):
         return place
-    entry = builder.load(number_at(context, builder, place, sig.return_type))
-    return apart(builder, entry, f"entry {sig.return_type}")
+    of = sig.args[0].of
+    return load(context, builder, place, of, f"entry {of.__name__}")
+
+
+def _get_fitted(context: Any, builder: Any, kind: Any, value: Any, k: Any) -> Any:
+    """Return entry k of a table of Fitted, whose stored count is below 0 if they have 32 bits."""
+    entries = cgutils.create_struct_proxy(kind)(context, builder, value=value)
+    found = cgutils.alloca_once(builder, WORD)
+    with builder.if_else(_is_less(builder, entries.count)) as branches:
+        for branch, of in zip(branches, (Int32, int), strict=True):
+            with branch:
+                size = cgutils.intp_t(BYTES[of])
+                place = builder.gep(entries.data, [builder.mul(k, size)], inbounds=True)
+                number = load(context, builder, place, of, f"entry {Fitted.__name__}")
+                builder.store(number, found)
+    return builder.load(found)
+
+
+def _is_less(builder: Any, count: Any) -> Any:
+    """Return whether a stored count says that entries of Fitted have 32 bits."""
+    return builder.icmp_signed("<", count, ZERO)
 
 
 @type_callable(operator.setitem)
 def _type_of_set_item(context: Any) -> Any:
     def typed(entries: Any, k: Any, value: Any) -> Any:
-        if isinstance(entries, Entries | Line) and not is_row(entries.of):
+        if isinstance(entries, Entries | Line) and not is_row(entries.of) | (entries.of is Fitted):
             return signature(types.none, entries, I64, type_of(entries.of, entries.owner or ""))
         return None
 
@@ -103,8 +127,8 @@ def _set_item(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
 
 def _set_entry(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
     place = _entry(context, builder, sig.args[0], *arguments[:2])
-    stored = builder.store(arguments[2], number_at(context, builder, place, sig.args[2]))
-    apart(builder, stored, f"entry {sig.args[2]}")
+    of = sig.args[0].of
+    store(context, builder, arguments[2], place, of, f"entry {of.__name__}")
     return context.get_dummy_value()
 
 
@@ -127,8 +151,11 @@ def _len(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
 def _count(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """Return the number of entries of a table or a queue."""
     if isinstance(kind, Entries):
-        return cgutils.create_struct_proxy(kind)(context, builder, value=value).count
-    return load(context, builder, value, 1)
+        count = cgutils.create_struct_proxy(kind)(context, builder, value=value).count
+        if kind.of is Fitted:
+            return builder.select(_is_less(builder, count), builder.not_(count), count)
+        return count
+    return half_of(context, builder, value, 1)
 
 
 # ---- entries of which the caller knows that there is memory for them
@@ -150,33 +177,33 @@ def _set_spare(typing_context: Any, entries: Any, k: Any, value: Any) -> Any:
 spare, set_spare = intrinsic(_spare), intrinsic(_set_spare)
 
 
-# ---- queues, whose words 1 to 3 are the count, the size of the buffer, whether the queue overran
+# ---- queues, whose halves 1 to 3 are the count, the size of the buffer, whether the queue overran
 
 
-def _word(typing_context: Any, line: Any, word: Any) -> Any:
-    """Read word 1, 2 or 3 of a queue."""
-    place = word.literal_value
-
-    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-        return load(context, builder, arguments[0], place)
-
-    return I64(line, word), generate
-
-
-def _set_word(typing_context: Any, line: Any, word: Any, value: Any) -> Any:
-    """Write word 1, 2 or 3 of a queue."""
-    place = word.literal_value
+def _half(typing_context: Any, line: Any, half: Any) -> Any:
+    """Read half 1, 2 or 3 of a queue."""
+    place = half.literal_value
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-        at = number_at(context, builder, moved(builder, arguments[0], place), I64)
-        apart(builder, builder.store(arguments[2], at), f"word {place}")
+        return half_of(context, builder, arguments[0], place)
+
+    return I64(line, half), generate
+
+
+def _set_half(typing_context: Any, line: Any, half: Any, value: Any) -> Any:
+    """Write half 1, 2 or 3 of a queue."""
+    place = half.literal_value
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        at = moved(builder, arguments[0], 4 * place)
+        store(context, builder, arguments[2], at, Int32, f"half {place}")
         return context.get_dummy_value()
 
-    return types.none(line, word, I64), generate
+    return types.none(line, half, I64), generate
 
 
-word: Any = intrinsic(prefer_literal=True)(_word)
-set_word: Any = intrinsic(prefer_literal=True)(_set_word)
+half: Any = intrinsic(prefer_literal=True)(_half)
+set_half: Any = intrinsic(prefer_literal=True)(_set_half)
 
 
 # ---- indexing of classes of rows that define it

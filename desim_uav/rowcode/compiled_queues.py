@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.rowcode.bounds import CHECKED
-from desim_uav.rowcode.compiled_entries import set_spare, set_word, spare, word
+from desim_uav.rowcode.compiled_entries import half, set_half, set_spare, spare
 from desim_uav.rowcode.compiled_rows import as_array, place_of
 from desim_uav.rowcode.compiled_types import I64, Line, Pointer, infer_getattr, lower_builtin
 from desim_uav.rowcode.numba_parts import (
@@ -18,7 +18,7 @@ from desim_uav.rowcode.numba_parts import (
     types,
 )
 from desim_uav.rowcode.options import overload_attribute, overload_method
-from desim_uav.rowcode.rows import width_of
+from desim_uav.rowcode.rows import is_row
 
 # ---- methods whose indices are checked where they are called, so that a fault has its line
 
@@ -110,52 +110,52 @@ class _Methods(AttributeTemplate):
 @overload_method(Line, "append")
 def _append(line: Any, value: Any) -> None:
     count = len(line)
-    if count < word(line, 2):
+    if count < half(line, 2):
         set_spare(line, count, value)
-        set_word(line, 1, count + 1)
+        set_half(line, 1, count + 1)
     else:
-        set_word(line, 3, 1)
+        set_half(line, 3, 1)
 
 
 @overload_method(Line, "added")
 def _added(line: Any) -> Any:
     count = len(line)
-    if count < word(line, 2):
-        set_word(line, 1, count + 1)
+    if count < half(line, 2):
+        set_half(line, 1, count + 1)
     else:
-        set_word(line, 3, 1)
+        set_half(line, 3, 1)
     return spare(line, count)  # the spare entry if the queue overruns
 
 
 @overload_method(Line, "pop")
 def _pop(line: Any) -> Any:
     last = len(line) - 1
-    set_word(line, 1, last)
+    set_half(line, 1, last)
     return spare(line, last)
 
 
 @overload_method(Line, "space")
 def _space(line: Any, entries: Any) -> Any:
-    return place_of(line), word(line, 2)
+    return place_of(line), half(line, 2)
 
 
 @overload_method(Line, "fill")
 def _fill(line: Any, entries: Any, count: Any) -> None:
-    if count > word(line, 2):
-        set_word(line, 3, 1)
-        count = word(line, 2)
-    set_word(line, 1, count)
+    if count > half(line, 2):
+        set_half(line, 3, 1)
+        count = half(line, 2)
+    set_half(line, 1, count)
 
 
 @overload_method(Line, "take", by_types=True)
 def _take(line: Any, entries: Any, first: Any, count: Any) -> Any:
-    width = width_of(line.of)
+    width = line.of.words if is_row(line.of) else 1
 
     def take(line: Any, entries: Any, first: Any, count: Any) -> None:
-        if count > word(line, 2):
-            set_word(line, 3, 1)
-            count = word(line, 2)
-        set_word(line, 1, count)
+        if count > half(line, 2):
+            set_half(line, 3, 1)
+            count = half(line, 2)
+        set_half(line, 1, count)
         ours, theirs = as_array(line, (count, width)), as_array(entries, (first + count, width))
         for k in range(count):
             for column in range(width):
@@ -166,19 +166,19 @@ def _take(line: Any, entries: Any, first: Any, count: Any) -> Any:
 
 @overload_method(Line, "clear")
 def _clear(line: Any) -> None:
-    set_word(line, 1, 0)
+    set_half(line, 1, 0)
 
 
 @overload_method(Line, "insert")
 def _insert(line: Any, place: Any, value: Any) -> None:
     count = len(line)
-    if count < word(line, 2):
+    if count < half(line, 2):
         for k in range(count, place, -1):
             set_spare(line, k, spare(line, k - 1))
         set_spare(line, place, value)
-        set_word(line, 1, count + 1)
+        set_half(line, 1, count + 1)
     else:
-        set_word(line, 3, 1)
+        set_half(line, 3, 1)
 
 
 @overload_method(Line, "remove")
@@ -188,14 +188,14 @@ def _remove(line: Any, value: Any) -> None:
         place += 1
     for k in range(place, last):
         set_spare(line, k, spare(line, k + 1))
-    set_word(line, 1, last)
+    set_half(line, 1, last)
 
 
 @overload_attribute(Line, "overrun")
 def _overrun(line: Any) -> Any:
-    return word(line, 3)
+    return half(line, 3)
 
 
 @overload_attribute(Line, "buffer")
 def _buffer(line: Any) -> Any:
-    return word(line, 2)
+    return half(line, 2)

@@ -13,7 +13,7 @@ from desim_uav.rowcode.numba_parts import cgutils, ir, types
 def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> None:
     """Copy a row word by word, without marks: it may alias any field (see ``apart``)."""
     for k in range(row.cls.words):
-        begin, end = (moved(builder, base, k) for base in (source, target))
+        begin, end = (moved(builder, base, 8 * k) for base in (source, target))
         word = builder.load(number_at(context, builder, begin, I64))
         builder.store(word, number_at(context, builder, end, I64))
 

@@ -8,6 +8,7 @@ from desim_uav.rowcode.compiled_entries import first_of
 from desim_uav.rowcode.compiled_types import (
     F64,
     I64,
+    IN_MEMORY,
     NUMBERS,
     Entries,
     Pointer,
@@ -129,14 +130,17 @@ def _of_address(one: Any) -> Any:
 
 def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
     """Return a table's or queue's entries as an array, whose shape may exceed a queue's count."""
-    of = set(entries.of.kinds.values()) if is_row(entries.of) else {entries.of}
-    kind = types.Array(F64 if of == {float} else I64, len(shape), "C")
+    if is_row(entries.of):
+        number = F64 if set(entries.of.kinds.values()) == {float} else I64
+    else:
+        number = IN_MEMORY[entries.of]
+    kind = types.Array(number, len(shape), "C")
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         data = first_of(context, builder, entries, arguments[0])
         data = number_at(context, builder, data, kind.dtype)
         sizes = cgutils.unpack_tuple(builder, arguments[1])
-        size = cgutils.intp_t(8)
+        size = cgutils.intp_t(number.bitwidth // 8)
         strides = [size]
         for count in reversed(sizes[1:]):
             strides.insert(0, builder.mul(count, strides[0]))

@@ -10,7 +10,20 @@ from numba import extending
 
 from desim_uav.rowcode.bounds import A_QUEUE, A_TABLE
 from desim_uav.rowcode.numba_parts import AttributeTemplate, cgutils, ir, types
-from desim_uav.rowcode.rows import Queue, Row, Table, held_by, is_row, layout_of
+from desim_uav.rowcode.rows import (
+    Fitted,
+    Int16,
+    Int32,
+    Maybe,
+    Queue,
+    Row,
+    Table,
+    held_by,
+    is_far,
+    is_row,
+    layout_of,
+    size_of,
+)
 
 infer_getattr: Any = extending.infer_getattr
 intrinsic: Any = extending.intrinsic
@@ -96,22 +109,35 @@ def type_of(kind: Any, owner: str) -> Any:
         return Entries(held_by(kind), owner)
     if origin is Queue:
         return Line(held_by(kind), owner)
+    if origin is Maybe:
+        return Pointer(held_by(kind), owner)
     return NUMBERS[kind]
 
 
 NUMBERS = {
     int: I64,
     float: F64,
+    Int32: I64,
+    Int16: I64,
+    Fitted: I64,
     bool: types.int8,
     np.float32: types.float32,
     np.uint64: types.uint64,
 }
-BYTES = {bool: 1, np.float32: 4}
+"""The types of numbers where compiled code works with them."""
+
+IN_MEMORY = {**NUMBERS, Int32: types.int32, Int16: types.int16}
+"""The types of numbers in memory."""
 
 
-def moved(builder: Any, base: Any, words: int) -> Any:
-    """Return an address increased by a number of words."""
-    return builder.gep(base, [cgutils.intp_t(8 * words)], inbounds=True)
+def bytes_in_table(of: Any) -> int:
+    """Return the length of an entry of a table in compiled code, in bytes."""
+    return size_of(of) if is_row(of) else IN_MEMORY[of].bitwidth // 8
+
+
+def moved(builder: Any, base: Any, size: int) -> Any:
+    """Return an address increased by a number of bytes."""
+    return builder.gep(base, [cgutils.intp_t(size)], inbounds=True)
 
 
 def number_at(context: Any, builder: Any, place: Any, kind: Any) -> Any:
@@ -119,10 +145,29 @@ def number_at(context: Any, builder: Any, place: Any, kind: Any) -> Any:
     return builder.bitcast(place, context.get_value_type(kind).as_pointer())
 
 
-def load(context: Any, builder: Any, base: Any, words: int, kind: Any = I64, of: str = "") -> Any:
-    """Return the number that is this many words behind an address."""
-    place = number_at(context, builder, moved(builder, base, words), kind)
-    return apart(builder, builder.load(place), of or f"word {words}")
+def load(context: Any, builder: Any, place: Any, kind: Any, of: str) -> Any:
+    """Return the number of a type at an address, as compiled code works with it."""
+    own, worked = IN_MEMORY[kind], NUMBERS[kind]
+    value = apart(builder, builder.load(number_at(context, builder, place, own)), of)
+    return value if own == worked else builder.sext(value, WORD)
+
+
+def store(context: Any, builder: Any, value: Any, place: Any, kind: Any, of: str) -> None:
+    """Write a number of a type to an address."""
+    own = IN_MEMORY[kind]
+    if own != NUMBERS[kind]:
+        value = builder.trunc(value, context.get_value_type(own))
+    apart(builder, builder.store(value, number_at(context, builder, place, own)), of)
+
+
+def half_of(context: Any, builder: Any, base: Any, half: int) -> Any:
+    """Return one of the numbers of 32 bits of which a table or a queue consists."""
+    return load(context, builder, moved(builder, base, 4 * half), Int32, f"half {half}")
+
+
+def words_behind(builder: Any, base: Any, words: Any) -> Any:
+    """Return the address that is a number of words behind another one."""
+    return builder.gep(base, [builder.mul(words, cgutils.intp_t(8))], inbounds=True)
 
 
 def apart(builder: Any, instruction: Any, of: str) -> Any:
@@ -152,24 +197,30 @@ class _Fields(AttributeTemplate):
 @lower_getattr_generic(Pointer)
 def get_field(context: Any, builder: Any, row: Any, value: Any, name: str) -> Any:
     """Return a field of a row by its name."""
-    kind, place = row.cls.kinds[name], row.cls.places[name]
-    field = type_of(kind, row.owner)
+    kind = row.cls.kinds[name]
+    field, place = type_of(kind, row.owner), moved(builder, value, row.cls.byte_of[name])
+    if get_origin(kind) is Maybe:
+        return words_behind(builder, value, half_of(context, builder, place, 0))
     if isinstance(field, Pointer | Line):
-        return moved(builder, value, place)
+        return place
     if isinstance(field, Entries):
         entries = cgutils.create_struct_proxy(field)(context, builder)
-        offset = load(context, builder, value, place, I64, "offset")
-        entries.data = builder.gep(value, [offset], inbounds=True)
-        entries.count = load(context, builder, value, place + 1, I64, "count")
+        if is_far(row.cls, name):
+            offset = load(context, builder, place, int, "offset")
+            entries.data = builder.gep(value, [offset], inbounds=True)
+            entries.count = load(context, builder, moved(builder, place, 8), int, "count")
+        else:
+            distance = load(context, builder, place, Int32, "distance")
+            entries.data = words_behind(builder, value, distance)
+            entries.count = load(context, builder, moved(builder, place, 4), Int32, "count of 32")
         return entries._getvalue()
-    return load(context, builder, value, place, field, f"{name_of(row.cls)}.{name}")
+    return load(context, builder, place, kind, f"{name_of(row.cls)}.{name}")
 
 
 @lower_setattr_generic(Pointer)
 def _set(context: Any, builder: Any, sig: Any, arguments: Any, name: str) -> None:
-    row, kind = sig.args
-    field = type_of(row.cls.kinds[name], row.owner)
-    value = context.cast(builder, arguments[1], kind, field)
-    place = moved(builder, arguments[0], row.cls.places[name])
-    stored = builder.store(value, number_at(context, builder, place, field))
-    apart(builder, stored, f"{name_of(row.cls)}.{name}")
+    row, given = sig.args
+    kind = row.cls.kinds[name]
+    value = context.cast(builder, arguments[1], given, type_of(kind, row.owner))
+    place = moved(builder, arguments[0], row.cls.byte_of[name])
+    store(context, builder, value, place, kind, f"{name_of(row.cls)}.{name}")

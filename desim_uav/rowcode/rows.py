@@ -11,6 +11,9 @@ In Python a row is an object with slots, and a ``Table`` or a ``Queue`` is a lis
 a row is a pointer to its fields, of eight bytes (a word) each, which are accessed by name, as in
 ``drone.charge`` (see ``compiled_types``). One function over rows therefore runs in both.
 
+A field, or an entry of a table, may be a whole number of fewer bytes (``Int32``, ``Int16``), which
+is an ``int`` in Python and whenever compiled code has read it. Such fields share words.
+
 A row stores the positions of its tables as their distances from itself. A block of memory with a
 row and all its tables can therefore be copied, pickled and moved as it is.
 """
@@ -21,7 +24,17 @@ import ctypes
 from collections import namedtuple
 from collections.abc import Iterable
 from functools import cache, partial
-from typing import Any, ClassVar, Generic, Self, TypeVar, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Generic,
+    Self,
+    TypeAlias,
+    TypeVar,
+    get_type_hints,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +51,40 @@ R = TypeVar("R", bound="Row")
 
 Words = NDArray[np.int64]
 """A block of memory in words of eight bytes, some of which are floats."""
+
+if TYPE_CHECKING:
+    Int32: TypeAlias = int
+    Int16: TypeAlias = int
+    Fitted: TypeAlias = int
+    Maybe = Annotated[T, "or None"]
+else:
+
+    class Maybe(Generic[T]):
+        """The type of a field that holds a row of type T, which in some worlds is not there.
+
+        In Python it is the row or None. Compiled code must not read a row that is not there.
+        """
+
+    class Int32(int):
+        """The type of a field or of entries that are whole numbers from -2^31 to 2^31 - 1."""
+
+    class Int16(int):
+        """The type of a field or of entries that are whole numbers from -2^15 to 2^15 - 1.
+
+        A number that does not fit is refused where Python writes it to memory, and cut off where
+        compiled code does: a world in which one may occur must be refused before.
+        """
+
+    class Fitted(int):
+        """The type of entries that have 32 bits if all of a table fit in these, and 64 otherwise.
+
+        Python writes such tables, and compiled code only reads them. The count of a table whose
+        entries have 32 bits is stored as -1 less the count.
+        """
+
+
+FORMATS: dict[Any, str] = {int: "i8", float: "f8", Int32: "i4", Int16: "i2", Fitted: "i8"}
+"""How numbers lie in memory, by the type of a field or of entries, as NumPy names it."""
 
 
 class Table(list[T], Generic[T]):
@@ -162,13 +209,15 @@ class Row:
     __slots__ = ()
     kinds: ClassVar[dict[str, Any]] = {}
     """The type of each field, by name."""
-    places: ClassVar[dict[str, int]] = {}
-    """The number of the word at which each field begins, by name."""
+    byte_of: ClassVar[dict[str, int]] = {}
+    """The number of the byte at which each field begins, by name."""
     words: ClassVar[int] = 0
     """The length of a row in memory, in words, without the entries of its tables."""
     scratch: ClassVar[tuple[str, ...]] = ()
     """The names of tables of numbers that mean nothing between two calls of a kernel; their entries
     may be in memory that many rows share (see ``packed_apart``)."""
+    attached: ClassVar[tuple[str, ...]] = ()
+    """The names of other tables whose entries may lie anywhere in memory (see ``attach``)."""
 
 
 def row(cls: type[R]) -> type[R]:
@@ -177,15 +226,44 @@ def row(cls: type[R]) -> type[R]:
     body = {key: part for key, part in vars(cls).items() if key not in ("__dict__", "__weakref__")}
     row_class: Any = type(cls.__name__, cls.__bases__, {**body, "__slots__": names})
     hints = get_type_hints(row_class)
-    row_class.kinds, row_class.places, at = {name: hints[name] for name in names}, {}, 0
-    for name, kind in row_class.kinds.items():
-        row_class.places[name] = at
-        at += words_of(kind)
-    row_class.words = at
-    for name in row_class.scratch:
+    row_class.kinds = {name: hints[name] for name in names}
+    layout = _Layout()
+    row_class.byte_of = {
+        name: layout.place(bytes_of(kind, is_far(row_class, name)))
+        for name, kind in row_class.kinds.items()
+    }
+    row_class.words = layout.end // 8
+    for name in (*row_class.scratch, *row_class.attached):
         if origin_of(row_class.kinds.get(name)) is not Table:
             raise TypeError(f"{row_class.__qualname__}.scratch: {name!r} is no table of it")
     return row_class  # type: ignore[no-any-return]
+
+
+class _Layout:
+    """The bytes of a row that are in use.
+
+    These are whole words up to ``end``, except for parts that are ``free``, by their sizes.
+    """
+
+    def __init__(self) -> None:
+        self.end = 0
+        self.free: dict[int, list[int]] = {2: [], 4: []}
+
+    def place(self, size: int) -> int:
+        """Return the byte at which a field of so many bytes begins."""
+        if size >= 8 or size == 0:
+            self.end += size
+            return self.end - size
+        if not self.free[size]:
+            whole = self.place(2 * size)
+            self.free[size].append(whole + size)
+            return whole
+        return self.free[size].pop()
+
+
+def is_far(cls: type[Row], name: str) -> bool:
+    """Return whether the entries of a table of a class of rows may lie anywhere in memory."""
+    return name in cls.scratch or name in cls.attached
 
 
 def is_row(kind: Any) -> bool:
@@ -194,43 +272,63 @@ def is_row(kind: Any) -> bool:
 
 
 def origin_of(kind: Any) -> Any:
-    """Return Table or Queue for a type of these, else None; it takes less time than typing's."""
+    """Return Table, Queue or Maybe for a type of these, else None, faster than typing does."""
     return getattr(kind, "__origin__", None)
 
 
 def held_by(kind: Any) -> Any:
-    """Return the type of the entries of a type of tables or queues."""
+    """Return the type of the entries of a type of tables or queues, or of the row of a Maybe."""
     return kind.__args__[0]
 
 
-def width_of(kind: Any) -> int:
-    """Return the length of an entry of this type in a table, in words."""
-    return kind.words if is_row(kind) else 1
+BYTES = {kind: int(name[1]) for kind, name in FORMATS.items()}
+"""The sizes of numbers."""
+
+
+def is_number(kind: Any) -> bool:
+    """Return whether a type is one of numbers."""
+    return kind in FORMATS
+
+
+def number(kind: Any, value: Any = 0) -> Any:
+    """Return a number as one of Python of the type of a field or of entries: int or float."""
+    return float(value) if kind is float else int(value)
+
+
+def size_of(kind: Any) -> int:
+    """Return the length of an entry of this type in a table, in bytes."""
+    return 8 * kind.words if is_row(kind) else BYTES[kind]
 
 
 @cache
 def layout_of(cls: type[Row]) -> str:
     """Return the layout in memory of a class of rows, and of the rows in its fields, as text."""
-    fields = [(name, str(kind), cls.places[name]) for name, kind in cls.kinds.items()]
+    fields = [(name, str(kind), cls.byte_of[name]) for name, kind in cls.kinds.items()]
     kinds = (held_by(kind) if origin_of(kind) else kind for kind in cls.kinds.values())
     inner = [layout_of(kind) for kind in kinds if is_row(kind)]
     return f"{cls.__module__}.{cls.__qualname__} {cls.words} {fields} {inner}"
 
 
-TABLE_WORDS, QUEUE_WORDS = 2, 4
-"""The words of a table: distance to its entries, and count; a queue adds its buffer and overrun."""
+NEAR_WORDS, FAR_WORDS, QUEUE_WORDS = 1, 2, 2
+"""The words of a table and of a queue.
+
+A table has the distance to its entries in words and their count, as numbers of 32 bits each; one
+that ``is_far`` has the distance in bytes and the count as words. A queue is a near table followed
+by its buffer and by whether it has overrun, of 32 bits as well. A row that may be missing (Maybe)
+is the only entry of a near table, which else has none.
+"""
 
 
-def words_of(kind: Any) -> int:
-    """Return the length of a field of this type, in words."""
+def bytes_of(kind: Any, far: bool = False) -> int:
+    """Return the length of a field of this type, in bytes."""
     origin = origin_of(kind)
-    if origin is Table:
-        return TABLE_WORDS
-    return QUEUE_WORDS if origin is Queue else width_of(kind)
+    if origin is Table or origin is Maybe:
+        return 8 * (FAR_WORDS if far else NEAR_WORDS)
+    return 8 * QUEUE_WORDS if origin is Queue else size_of(kind)
 
 
 def blank(cls: type[R]) -> R:
-    """Return a row of a class whose numbers are 0 and whose tables are empty."""
+    """Return a row of a class whose numbers are 0, whose tables are empty, and without a Maybe."""
     one: Any = cls()
     for name, kind in cls.kinds.items():
         origin = origin_of(kind)
@@ -239,7 +337,7 @@ def blank(cls: type[R]) -> R:
         elif origin is Queue:
             value = Queue(of=held_by(kind))
         else:
-            value = Table() if origin is Table else kind(0)
+            value = None if origin is Maybe else Table() if origin is Table else number(kind)
         setattr(one, name, value)
     return one  # type: ignore[no-any-return]
 
@@ -270,7 +368,7 @@ def bound(*rows: Row) -> None:
             continue
         for name, kind in one.kinds.items():
             value = getattr(one, name)
-            if is_row(kind):
+            if is_row(kind) or origin_of(kind) is Maybe:
                 bound(value)
             elif origin_of(kind):
                 setattr(one, name, bounded(value))
@@ -329,10 +427,11 @@ def headers_of(cls: type[Row]) -> tuple[int, ...]:
     """Return the words of a row that hold the positions of ``scratch``, of rows in it as well."""
     words: list[int] = []
     for name, kind in cls.kinds.items():
+        at = cls.byte_of[name] // 8
         if is_row(kind):
-            words += [cls.places[name] + word for word in headers_of(kind)]
+            words += [at + word for word in headers_of(kind)]
         elif name in cls.scratch:
-            words.append(cls.places[name])
+            words.append(at)
     return tuple(words)
 
 
@@ -346,16 +445,32 @@ def _size_behind(one: Row, apart: bool) -> int:
         if is_row(kind):
             total += _size_behind(value, apart)
         elif origin_of(kind) is not None:
-            of = held_by(kind)
-            total += _length(kind, value) * width_of(of)
+            of, value = held_by(kind), _entries(kind, value)
+            total += words_for(of, _length(kind, value))
             if is_row(of) and not isinstance(value, np.ndarray):
                 total += sum(_size_behind(each, apart) for each in value)
     return total
 
 
+def _entries(kind: Any, value: Any) -> Any:
+    """Return the entries of a table or a queue, or the row of a Maybe as the only one."""
+    if origin_of(kind) is Maybe:
+        return [] if value is None else [value]
+    return value
+
+
+def words_for(of: Any, count: int) -> int:
+    """Return how many words so many entries of a type take."""
+    return -(-count * size_of(of) // 8)
+
+
 def _length(kind: Any, value: Any) -> int:
     """Return the number of entries with memory: a queue has a spare one, written if it overruns."""
-    return len(value) if origin_of(kind) is Table else max(value.buffer, len(value)) + 1
+    if origin_of(kind) is Queue:
+        return int(max(value.buffer, len(value))) + 1
+    if isinstance(value, np.ndarray) and is_row(held_by(kind)):
+        return int(value.nbytes // size_of(held_by(kind)))
+    return len(value)
 
 
 class _Packer:
@@ -365,7 +480,8 @@ class _Packer:
     """
 
     def __init__(self, block: Words, apart: bool) -> None:
-        self.block, self.floats, self.apart = block, block.view(np.float64), apart
+        self.block, self.apart = block, apart
+        self.of_kinds = {kind: block.view(name) for kind, name in FORMATS.items()}
         self.end = self.apart_end = 0
 
     def pack(self, one: Row) -> None:
@@ -376,45 +492,83 @@ class _Packer:
     def _write(self, one: Row, at: int) -> None:
         """Write a row at a word of the block, and its tables behind everything."""
         for name, kind in one.kinds.items():
-            place, value = at + one.places[name], getattr(one, name)
+            byte, value = 8 * at + one.byte_of[name], getattr(one, name)
             if is_row(kind):
-                self._write(value, place)
-            elif self.apart and name in one.scratch:
-                self.block[place : place + TABLE_WORDS] = 8 * (self.apart_end - at), len(value)
-                self.apart_end += len(value) * width_of(held_by(kind))
+                self._write(value, byte // 8)
             elif origin_of(kind) is not None:
-                base = at if origin_of(kind) is Table else place
-                header = [8 * (self.end - base), len(value)]
-                if origin_of(kind) is Queue:
-                    header += [max(value.buffer, len(value)), 0]
-                self.block[place : place + len(header)] = header
-                self._write_all(kind, value)
+                self._write_table(one, at, name, _entries(kind, value))
             else:
-                self._numbers(kind)[place] = value
+                self.of_kinds[kind][byte // BYTES[kind]] = value
 
-    def _write_all(self, kind: Any, values: Any) -> None:
+    def _write_table(self, one: Row, at: int, name: str, value: Any) -> None:
+        """Write where the entries of a table or a queue are, and these behind everything."""
+        kind, cls = one.kinds[name], type(one)
+        count = _length(kind, value)
+        if self.apart and name in one.scratch:
+            locate(self.block, cls, name, at, self.apart_end, count)
+            self.apart_end += words_for(held_by(kind), count)
+            return
+        locate(self.block, cls, name, at, self.end, count)
+        if origin_of(kind) is Queue:
+            halves = self.of_kinds[Int32][(8 * at + one.byte_of[name]) // 4 :]
+            halves[1], halves[2] = len(value), count - 1
+        self._write_all(kind, value, count)
+
+    def _write_all(self, kind: Any, values: Any, count: int) -> None:
         """Write the entries of a table or queue behind everything."""
         of, begin = held_by(kind), self.end
-        self.end += _length(kind, values) * width_of(of)
-        if isinstance(values, np.ndarray) and values.dtype.names:
-            self.block[begin : self.end] = values.view(np.int64)
-        elif isinstance(values, np.ndarray):
-            self._numbers(of)[begin : begin + values.size] = values.reshape(-1)
+        self.end += words_for(of, count)
+        if isinstance(values, np.ndarray) and is_row(of):
+            self.block[begin : self.end] = values.reshape(-1).view(np.int64)
         elif is_row(of):
             for k, value in enumerate(values):
                 self._write(value, begin + k * of.words)
         elif len(values):
-            self._numbers(of)[begin : begin + len(values)] = values
+            first = 8 * begin // BYTES[of]
+            numbers = fitting(of, values)
+            self.of_kinds[of][first : first + numbers.size] = numbers
 
-    def _numbers(self, kind: Any) -> Any:
-        """Return the block as an array of this type of numbers."""
-        return self.floats if kind is float else self.block
+
+def fitting(of: Any, values: Any) -> NDArray[Any]:
+    """Return numbers as an array of a type of entries. Raises OverflowError if one does not fit."""
+    numbers = np.asarray(values).reshape(-1)
+    fitted = numbers.astype(FORMATS[of])
+    if fitted.itemsize < 8 and (fitted != numbers).any():
+        wrong = numbers[fitted != numbers][0]
+        raise OverflowError(f"{wrong} does not fit in {BYTES[of]} bytes")
+    return fitted
+
+
+def locate(block: Words, cls: type[Row], name: str, at: int, begin: int, count: int) -> None:
+    """Let the entries of a table or queue of the row at word ``at`` begin at a word of a block."""
+    place = at + cls.byte_of[name] // 8
+    if is_far(cls, name):
+        block[place : place + FAR_WORDS] = 8 * (begin - at), count
+    else:
+        block.view(np.int32)[2 * place : 2 * place + 2] = begin - _base(cls, name, at), count
+
+
+def located(block: Words, cls: type[Row], name: str, at: int = 0) -> tuple[int, int]:
+    """Return the word at which the entries of a table or queue of a row begin, and their count."""
+    place = at + cls.byte_of[name] // 8
+    if is_far(cls, name):
+        return at + int(block[place]) // 8, int(block[place + 1])
+    distance, count = block[place : place + 1].view(np.int32).tolist()
+    return _base(cls, name, at) + distance, count
+
+
+def _base(cls: type[Row], name: str, at: int) -> int:
+    """Return the word from which the distance of a table of a row, or that of a queue, counts."""
+    return at + cls.byte_of[name] // 8 if origin_of(cls.kinds[name]) is Queue else at
 
 
 def attach(block: Words, cls: type[Row], name: str, array: NDArray[Any]) -> None:
-    """Let a table of the row at the beginning of a block be an array, which stays where it is."""
-    at, width = cls.places[name], width_of(held_by(cls.kinds[name]))
-    block[at : at + TABLE_WORDS] = place(array) - place(block), array.size // width
+    """Let a table of the row at the beginning of a block be an array, which stays where it is.
+
+    If the table is none of those that may lie anywhere (``is_far``), it must be in the block.
+    """
+    count = array.nbytes // size_of(held_by(cls.kinds[name]))
+    locate(block, cls, name, 0, (place(array) - place(block)) // 8, count)
 
 
 def place(array: NDArray[Any]) -> int:

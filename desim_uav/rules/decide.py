@@ -90,9 +90,11 @@ def record(world: Constants, state: State) -> None:
         count_charge(drone, observation.charge)
         record.used = drone.used
         record.reward = state.rewards[d]
-        course = drone.course
-        record.aim_x, record.aim_y, record.aim_z = course.aim_x, course.aim_y, course.aim_z
-        record.aim_cruise = course.aim_cruise
+        record.aim_x = record.aim_y = record.aim_z = record.aim_cruise = 0.0
+        if drone.off_grid:
+            course = drone.course
+            record.aim_x, record.aim_y, record.aim_z = course.aim_x, course.aim_y, course.aim_z
+            record.aim_cruise = course.aim_cruise
     for k in range(len(world.points)):
         sender, point_record = state.senders[len(state.drones) + k], state.point_records[k]
         point_record.step, point_record.t_us = state.step - 1, state.now_us

@@ -104,8 +104,10 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     for service in range(world.services):
         drone.served[service] = drone.asking[service] = 0
     clear_terms(drone)
-    forget_credit(drone)
-    _forget_commands(drone)
+    if state.keeps_credit:
+        forget_credit(drone)
+    if drone.off_grid:
+        _forget_commands(drone)
 
 
 @rule
@@ -115,7 +117,7 @@ def _forget_commands(drone: Drone) -> None:
     course.aim_x = course.aim_y = course.aim_z = course.aim_cruise = course.aim_charge = 0.0
     course.blocked = 0
     if drone.transit == words.REST:
-        course.limit_mps = math.inf if drone.off_grid and drone.point < 0 else 0.0
+        course.limit_mps = math.inf if drone.point < 0 else 0.0
     if drone.mode != words.RETURNING:
         course.station = course.node = course.level = 0
 
@@ -212,7 +214,7 @@ def hear(world: Constants, path: Path, state: State) -> None:
     for d in range(len(state.drones)):
         drone = state.drones[d]
         state.history[state.step * len(state.drones) + d] = drone.command
-        if len(state.aims) > 0:
+        if drone.off_grid:
             hear_freely(world, state, drone)
         if is_under_way(world, drone):
             drone.command = -1

@@ -264,9 +264,9 @@ def forget_request(request: Request) -> None:
 @rule
 def open_request(world: Constants, path: Path, state: State, user: User, number: int) -> None:
     """Open a user's request as row ``number`` of the sample path's requests describes it."""
-    ask, request, now_us = path.asks[number], user.request, state.now_us
+    service, request, now_us = path.services[number], user.request, state.now_us
     request.number = state.opened
-    request.service = ask.service
+    request.service = service
     draw_values(world, path, request, number)
     request.t_request_us = now_us
     request.queued = request.served_us = request.attached_us = request.interruptions = 0
@@ -274,7 +274,7 @@ def open_request(world: Constants, path: Path, state: State, user: User, number:
     request.server = request.last_server = -1
     state.opened += 1
     state.open_us -= now_us
-    state.open_requests[ask.service] += 1
+    state.open_requests[service] += 1
     count_asking(state, user, 1)
     if state.keeps_links:
         begin_outage(state, user, words.REQUEST)
@@ -318,7 +318,7 @@ def foresee_request(world: Constants, path: Path, state: State, user: User, from
     Its time in the sample path counts from ``from_us``.
     """
     if user.next_ask < path.asks_at[user.index + 1]:
-        due_us = from_us + path.asks[user.next_ask].due_us
+        due_us = from_us + path.due_us[user.next_ask]
         if due_us < world.horizon_us:
             due(state, ask_slot(state, user.index), due_us, key(words.REQUEST, -1, user.index))
 

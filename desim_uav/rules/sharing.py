@@ -43,12 +43,12 @@ class ProportionalFair(RowSharing):
 
     def divide(self, world: Constants, state: State, drone: Drone, phase: int) -> None:
         """Give each request the free bandwidth for an equal part of the time."""
-        count = len(drone.sharing)
+        count, free_hz = len(drone.sharing), drone.free_hz
+        each_hz, parts = free_hz // count, MILLION * count
         for k in range(count):
             user = state.users[drone.sharing[k]]
-            efficiency = efficiency_of(world, drone, user)
-            rate = drone.free_hz * efficiency // (MILLION * count)
-            give_share(world, state, user, drone.free_hz // count, rate, phase)
+            rate = free_hz * efficiency_of(world, drone, user) // parts
+            give_share(world, state, user, each_hz, rate, phase)
 
 
 @register("sharing", "max_min")

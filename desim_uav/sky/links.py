@@ -174,6 +174,8 @@ def _begin_links(scene: Scene, sky: Sky, span_us: tuple[int, int]) -> None:
         link.after, link.radio = end, leg.radio
         link.level, link.rates_of, link.values = radio.level, radio.rates, radio.loss_values
         link.carrier_ghz, link.power_dbm = radio.carrier_ghz, radio.power_dbm
+        link.mw = np.exp(radio.power_dbm / DB)
+        link.curves, link.curve_count = address(radio.curves), len(radio.curves)
         link.noise_dbm, link.noise_mw = radio.noise_dbm, np.exp(radio.noise_dbm / DB)
         link.lowest, link.top = radio.lowest, radio.lowest + radio.classes
         link.marked_us = leg.marked_us - span_us[0]

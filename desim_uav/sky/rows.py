@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from desim_uav.model.radio.between import Window
 from desim_uav.model.radio.buildings import Corner, Stretch
+from desim_uav.model.radio.curves import Curve
 from desim_uav.model.radio.links import Air, Change
 from desim_uav.model.radio.tracks import TrackRow, Turn
 from desim_uav.model.radio.visits import Visit
@@ -49,7 +50,8 @@ class Propagation(Row):
     While nothing interferes, classes hold within circles. ``radii_m`` has the radii of all classes
     from 1 on, by level and then by the groups into which users fall by their heights; an access
     point has one level. ``terms`` to ``bounds_m`` are the fits between levels, with so many
-    ``slabs`` between two of them (``model.radio.fits.Fits``), or empty.
+    ``slabs`` between two of them (``model.radio.fits.Fits``), or empty. With interference, there
+    may be ``curves`` of the gain (``model.radio.curves``).
     """
 
     classes: int
@@ -70,6 +72,7 @@ class Propagation(Row):
     terms: Table[float]
     ranges: Table[float]
     bounds_m: Table[float]
+    curves: Table[Curve]
 
 
 @row

@@ -232,7 +232,7 @@ def test_room_is_made_for_everything_that_may_happen(
 def test_too_many_who_look_for_a_drone_are_not_written_beyond_their_room():
     world = strip(users=[(120, 120)] * 8, steps=1)
     one, other = both(world)
-    other.memory[State.places["loose"] + 2] = 3  # its buffer
+    other.memory.view(np.int32)[State.byte_of["loose"] // 4 + 2] = 3  # its buffer
     alike((one, other), path_of(world))
 
 

@@ -10,7 +10,7 @@ import pytest
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.engine.compiled.pack import lacking
-from desim_uav.rowcode.rows import held_by, is_row
+from desim_uav.rowcode.rows import Maybe, held_by, is_number, is_row, number, origin_of
 from desim_uav.rules.rows import Course, Drone, State
 from desim_uav.rules.words import REST
 from desim_uav.sample_path import draw
@@ -23,7 +23,7 @@ from tests.engine.helpers import some_command
 OF_THE_LOG = {"records", "point_records"}
 """What a step writes for the log, which is not read before the next step has written it."""
 
-MEMORY = {"look", "sky", "away_m", "before", "slot_times", "slot_keys", "winners"}
+MEMORY = {"look", "sky", "away_m", "before", "before_us", "slot_times", "slot_keys", "winners"}
 """Memory, which is derived from the rest or made anew."""
 
 LEFT_OUT = {
@@ -56,15 +56,16 @@ BY_DEFAULT = {("case8", "des"), ("case8", "batch"), ("festival", "des"), ("deliv
 def found_in(one: Any, cls: Any, path: str = "") -> dict[str, Any]:
     """The numbers in a row and in the rows within it, by their paths."""
     numbers: dict[str, Any] = {}
-    for name, kind in cls.kinds.items():
-        if name in LEFT_OUT.get(cls, ()):
-            continue
+    for name, own in cls.kinds.items():
         value, at = getattr(one, name), f"{path}.{name}"
+        if name in LEFT_OUT.get(cls, ()) or value is None:
+            continue
+        kind = held_by(own) if origin_of(own) is Maybe else own
         if name == "course" and one.transit == REST:
             numbers |= found_in(value, Resting, at)
             continue
-        if kind is int or kind is float:
-            numbers[at] = kind(value)
+        if is_number(kind):
+            numbers[at] = number(kind, value)
         elif is_row(kind):
             numbers |= found_in(value, kind, at)
         else:

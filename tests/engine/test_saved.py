@@ -370,7 +370,7 @@ def forked(world: World, count: int) -> tuple[Any, Forks, list[Engine]]:
     return engine, forks, engine.fork(count)
 
 
-OF_SCRATCH = [*HEADERS, State.places["sky"] + Sky.places["scratch_at"]]
+OF_SCRATCH = [*HEADERS, (State.byte_of["sky"] + Sky.byte_of["scratch_at"]) // 8]
 """The words of a state that depend on where it is in memory."""
 
 

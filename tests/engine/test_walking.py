@@ -49,7 +49,7 @@ def walking(walk: dict[str, float], step_s: float) -> World:
 
 def walked(engine: BatchSimulation, user: int) -> NDArray[np.float64]:
     """The legs of a user that the engine has in this step."""
-    at = State.places["look"] + LookRow.places["walking"]
+    at = (State.byte_of["look"] + LookRow.byte_of["walking"]) // 8
     begins: Any = in_scratch(engine, at, Walking, "legs_at", ctypes.c_int64)
     legs = in_scratch(engine, at, Walking, "legs", ctypes.c_double)
     return legs[5 * begins[user] : 5 * begins[user + 1]].reshape(-1, 5)
@@ -59,7 +59,7 @@ def in_scratch(
     engine: BatchSimulation, at: int, cls: Any, name: str, kind: Any
 ) -> NDArray[np.float64]:
     """The numbers of a table of the row at a word of the state, wherever they are in memory."""
-    offset, count = engine.memory[at + cls.places[name] :][:2].tolist()
+    offset, count = engine.memory[at + cls.byte_of[name] // 8 :][:2].tolist()
     place = engine.state_at + 8 * at + offset
     return np.ctypeslib.as_array((kind * count).from_address(place)).copy()
 

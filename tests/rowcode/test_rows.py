@@ -17,6 +17,10 @@ from desim_uav.rowcode.compiled_registers import either
 from desim_uav.rowcode.compiled_rows import address_of, as_array, call, entries_at, pointer_to
 from desim_uav.rowcode.kernels import OPTIONS, rule
 from desim_uav.rowcode.rows import (
+    Fitted,
+    Int16,
+    Int32,
+    Maybe,
     Queue,
     Row,
     Table,
@@ -26,6 +30,8 @@ from desim_uav.rowcode.rows import (
     fill,
     held_by,
     is_row,
+    locate,
+    located,
     packed,
     row,
 )
@@ -317,8 +323,8 @@ def add_book(shelf: Shelf, k: int) -> None:
     book.pages, book.weight = k, k
 
 
-OVERRUN = 3
-"""The word of a queue that says whether it overran."""
+COUNT, BUFFER, OVERRUN = 1, 2, 3
+"""The halves of words of a queue: how many entries it has, may have, and whether it overran."""
 
 
 @pytest.mark.parametrize(
@@ -334,19 +340,20 @@ def test_what_does_not_fit_is_lost_and_said_and_nothing_else_is_written(
     function: Callable[[Shelf, int], None], name: str
 ):
     block, run = packed(shelf()), compiled(function)
-    queue = Shelf.places[name]
+    queue = Shelf.byte_of[name] // 8
+    halves = block[queue : queue + 2].view(np.int32)
     for _ in range(ROOM):
-        if block[queue + 1] < ROOM:
-            assert block[queue + OVERRUN] == 0
+        if halves[COUNT] < ROOM:
+            assert halves[OVERRUN] == 0
             run(block.ctypes.data, 3)
     full = block.copy()
-    assert (full[queue + 1], full[queue + 2], full[queue + OVERRUN]) == (ROOM, ROOM, 0)
+    assert halves[1:].tolist() == [ROOM, ROOM, 0]
     run(block.ctypes.data, 4)
-    changed = np.flatnonzero(block != full).tolist()
-    spare = queue + int(full[queue]) // 8 + ROOM * Book.words  # behind the last row
+    changed = set(np.flatnonzero(block != full).tolist())
+    spare = located(full, Shelf, name)[0] + ROOM * Book.words  # behind the last row
     allowed = {spare, spare + 1} if name == "returned" else set()
-    assert block[queue + OVERRUN] == 1
-    assert queue + OVERRUN in changed and set(changed) - {queue + OVERRUN} <= allowed
+    assert halves[1:].tolist() == [ROOM, ROOM, 1]
+    assert queue + 1 in changed and changed - {queue + 1} <= allowed
 
 
 def test_python_has_room_for_everything():
@@ -405,8 +412,8 @@ def test_arrays_stand_for_tables_of_numbers_and_of_rows_of_whole_numbers():
 
 def test_where_fields_are():
     names = ["number", "load", "first", "books", "boxes", "marks", "scores", "lent", "heights"]
-    assert [Shelf.places[name] for name in names] == [0, 1, 2, 4, 6, 8, 10, 12, 16]
-    assert (Book.words, Box.words, Shelf.words) == (2, 5, 25)
+    assert [Shelf.byte_of[name] // 8 for name in names] == [0, 1, 2, 4, 5, 6, 7, 8, 10]
+    assert (Book.words, Box.words, Shelf.words) == (2, 3, 15)
     assert dtype_of(Shelf).itemsize == 8 * Shelf.words
     assert dtype_of(Shelf)["first"] == dtype_of(Book)
 
@@ -466,10 +473,121 @@ def test_the_rows_of_a_table_as_an_array():
     assert [book.weight for book in View(block, Shelf).books] == [1.0, 1.5, 2.0]
     assert array_of(block, Shelf, "heights").tolist() == [1.5, 0.0]
     boxes = array_of(block, Shelf, "boxes")
-    first = Shelf.places["boxes"]
-    at = int(block[first]) // 8 + Box.words  # the second box
+    at = located(block, Shelf, "boxes")[0] + Box.words  # the second box
     assert boxes["number"].tolist() == [0, 1]
     assert array_of(block, Box, "marks", at).tolist() == [1, 2]
+
+
+# ---- numbers of few bytes, and rows that may be missing
+
+
+@row
+class Slim(Row):
+    flag: Int16
+    name: Int32
+    at_us: int
+    count: Int16
+    few: Queue[Int16]
+    many: Table[Int32]
+    extra: Maybe[Book]
+    none: Maybe[Book]
+
+
+def slim() -> Slim:
+    made = blank(Slim)
+    made.flag, made.name, made.at_us, made.count = -1, -(2**31), 2**40, 2**15 - 1
+    made.few, made.many = Queue([-2, 5, 7], ROOM, Int16), Table([-1, 2**31 - 1, 4])
+    made.extra = fill(Book, (3, 0.5))
+    return made
+
+
+@rule
+def change_all(one: Slim) -> None:
+    one.at_us += one.flag + one.name
+    one.flag, one.count = one.flag - one.count, -one.flag
+    one.few.insert(1, one.many[0] - 9)
+    one.few.append(one.few[len(one.few) - 1] + 1)
+    one.many[2] += one.many[1] - 5
+    one.extra.pages -= one.few[0]
+    one.name = len(one.many) - 4
+
+
+@numba.njit(**OPTIONS)
+def change_all_at(address: int) -> None:
+    change_all(slim_at(address))
+
+
+slim_at = pointer_to(Slim)
+
+
+def as_told(one: Any) -> list[Any]:
+    numbers = [int(own) for own in (one.flag, one.name, one.at_us, one.count, one.extra.pages)]
+    return [*numbers, list(map(int, one.few)), list(map(int, one.many)), one.none]
+
+
+def test_numbers_of_few_bytes_share_words_and_are_whole_numbers_in_every_way():
+    assert Slim.byte_of == {
+        "flag": 0,
+        "name": 4,
+        "at_us": 8,
+        "count": 2,
+        "few": 16,
+        "many": 32,
+        "extra": 40,
+        "none": 48,
+    }
+    own, block = slim(), packed(slim())
+    assert as_told(View(block, Slim)) == as_told(own)
+    assert array_of(block, Slim, "few").dtype == np.int16
+    view = View(block, Slim)
+    assert view.many[1] * 4 == 2**33 - 4 and {type(one) for one in (*view.few, view.many[0])} == {
+        int
+    }
+    change_all(own)
+    change_all_at(block.ctypes.data)
+    assert as_told(View(block, Slim)) == as_told(own)
+    assert own.flag == -(2**15) and own.few == [-2, -10, 5, 7, 8]
+
+
+@pytest.mark.parametrize("value", [2**15, -(2**15) - 1])
+def test_a_number_that_does_not_fit_is_refused(value: int):
+    view = View(packed(slim()), Slim)
+    for name, wrong in (("flag", value), ("few", [1, value])):
+        with pytest.raises(OverflowError):
+            setattr(view, name, wrong)
+        own = slim()
+        setattr(own, name, wrong if name == "flag" else Queue(wrong, ROOM, Int16))
+        with pytest.raises(OverflowError):
+            packed(own)
+    assert as_told(view) == as_told(slim())
+
+
+@row
+class Drawn(Row):
+    numbers: Table[Fitted]
+
+
+drawn_at = pointer_to(Drawn)
+
+
+@numba.njit(**OPTIONS)
+def sum_of(address: int) -> tuple[int, int]:
+    numbers, total = drawn_at(address).numbers, 0
+    for k in range(len(numbers)):
+        total += (k + 1) * numbers[k]
+    return len(numbers), total
+
+
+@pytest.mark.parametrize("largest", [7, 2**31 - 1, 2**31, 2**60])
+def test_a_table_of_numbers_that_fit_is_read_like_any_other(largest: int):
+    numbers = [-3, largest, 0]
+    block = packed(fill(Drawn, (Table(numbers),)))
+    if largest < 2**31:
+        begin, count = located(block, Drawn, "numbers")
+        block[begin:].view(np.int32)[:count] = numbers
+        locate(block, Drawn, "numbers", 0, begin, -1 - count)
+    assert View(block, Drawn).numbers.tolist() == numbers
+    assert sum_of(block.ctypes.data) == (3, 2 * largest - 3)
 
 
 # ---- functions and arrays

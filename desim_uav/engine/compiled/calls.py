@@ -21,14 +21,13 @@ from desim_uav.rowcode.compiled_rows import (
     as_array,
     call,
     entries_at,
-    place_of,
     pointer_to,
 )
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule
 from desim_uav.rowcode.numba_parts import types
 from desim_uav.rules import requests
 from desim_uav.rules.due import due, nothing_due
-from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.rows import Begun, Constants, Drone, Path, State
 from desim_uav.rules.walks import know_walks, look_anew
 from desim_uav.rules.whole_state import write_state
 from desim_uav.sky import links, separation
@@ -41,8 +40,6 @@ path_at: Callable[[int], Path] = pointer_to(Path)
 state_at: Callable[[int], State] = pointer_to(State)
 
 floats_at, bytes_at = entries_at(float), entries_at(bool)
-
-DRONE_WORDS = Drone.words
 
 
 def set_functions(constants: Constants, graded: bool, in_air: bool) -> None:
@@ -79,17 +76,33 @@ def run(world: int, path: int, state: int, what: int, scratch: int) -> None:
 
 @rule
 def _keep_begun(state: State) -> None:
-    """Copy the time, and the drones and stations as they begin an episode, into ``before``."""
-    before = as_array(state.before, (len(state.before),))
-    drones = DRONE_WORDS * len(state.drones)
-    stations = len(before) - drones - 1
-    before[0] = state.now_us
-    rows = as_array(words_at(place_of(state.drones), drones), (drones,))
-    for k in range(drones):
-        before[1 + k] = rows[k]
-    queues = as_array(words_at(place_of(state.stations), stations), (stations,))
-    for k in range(stations):
-        before[1 + drones + k] = queues[k]
+    """Copy the time, and the drones as they begin an episode, into ``before``."""
+    state.before_us = state.now_us
+    for d in range(len(state.drones)):
+        drone, begun = state.drones[d], state.before[d]
+        begun.index, begun.mode, begun.off_grid, begun.place = d, drone.mode, drone.off_grid, 0
+        begun.x, begun.y, begun.level = drone.x, drone.y, drone.level
+        begun.to_x, begun.to_y, begun.to_level = drone.to_x, drone.to_y, drone.to_level
+        begun.transit, begun.hopping, begun.taken = drone.transit, drone.hopping, drone.taken
+        begun.route, begun.route_end = drone.route, drone.route_end
+        begun.since_us, begun.until_us = drone.since_us, drone.until_us
+        begun.charge, begun.counted_m, begun.fallen = drone.charge, drone.counted_m, drone.fallen
+        begun.fallen_x_m, begun.fallen_y_m = drone.fallen_x_m, drone.fallen_y_m
+        if drone.off_grid:
+            _keep_course(drone, begun)
+    for k in range(len(state.stations)):
+        queue = state.stations[k].queue
+        for place in range(len(queue)):
+            state.before[queue[place]].place = place
+
+
+@rare_rule
+def _keep_course(drone: Drone, begun: Begun) -> None:
+    course, kept = drone.course, begun.course
+    kept.x0_m, kept.y0_m, kept.z0_m = course.x0_m, course.y0_m, course.z0_m
+    kept.x1_m, kept.y1_m, kept.z1_m = course.x1_m, course.y1_m, course.z1_m
+    kept.limit_mps, kept.station = course.limit_mps, course.station
+    kept.node, kept.level = course.node, course.level
 
 
 @kernel
@@ -106,10 +119,11 @@ def aim_all(environments: Ints, aims: NDArray[np.float64], which: NDArray[np.boo
         if which[k]:
             own = state_at(environments[k, 2])
             for d in range(aims.shape[1]):
-                course = own.drones[d].course
-                course.aim_x, course.aim_y = aims[k, d, 0], aims[k, d, 1]
-                course.aim_z, course.aim_cruise = aims[k, d, 2], aims[k, d, 3]
-                course.aim_charge = aims[k, d, 4]
+                if own.drones[d].off_grid:
+                    course = own.drones[d].course
+                    course.aim_x, course.aim_y = aims[k, d, 0], aims[k, d, 1]
+                    course.aim_z, course.aim_cruise = aims[k, d, 2], aims[k, d, 3]
+                    course.aim_charge = aims[k, d, 4]
     return 0
 
 

@@ -19,6 +19,27 @@ LARGEST = 2**62
 """The largest sum: half of what 64 bits hold, because two of them are added and subtracted."""
 
 
+MOST_NUMBERED = 2**15 - 1
+"""The most things that rows number with 16 bits (``rowcode.rows.Int16``)."""
+
+
+def too_many(world: World) -> list[str]:
+    """Return of what there are too many to be numbered with 16 bits, if so.
+
+    Scenarios have fewer drones, access points, stations and services in any case.
+    """
+    counts = [("services", "stages", sum(map(len, world.services.stages)))]
+    keys = [".".join(map(str, key)) for key in world.scenario.fleet_keys]
+    keys += [f"access_points.{k}" for k in range(len(world.scenario.access_points))]
+    for key, links in zip(keys, world.links, strict=True):
+        counts.append((f"{key}.radio", "classes", len(links.efficiencies)))
+    return [
+        f"{key}: {count:,} {what} are too many; at most {MOST_NUMBERED:,}"
+        for key, what, count in counts
+        if count > MOST_NUMBERED
+    ]
+
+
 class Sum(NamedTuple):
     """A sum over an episode: the keys that determine it, what it is, and its largest value."""
 

@@ -25,22 +25,31 @@ from desim_uav.engine.compiled.components import (
     point_at,
     why_not_compiled,
 )
-from desim_uav.engine.compiled.largest_sums import too_large
+from desim_uav.engine.compiled.largest_sums import too_large, too_many
+from desim_uav.engine.compiled.scratch import NEEDS
 from desim_uav.engine.compiled.slots import tournaments
 from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of
-from desim_uav.engine.sky import Room, scene_of, sky_of
+from desim_uav.engine.sky import Room, draw_curves, scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.mobility.walking import walking_of
 from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.rules import US
 from desim_uav.rowcode.components import compiled
-from desim_uav.rowcode.rows import Table, Words, blank, held_by, packed, packed_apart
+from desim_uav.rowcode.rows import (
+    Table,
+    Words,
+    blank,
+    held_by,
+    locate,
+    located,
+    packed,
+    packed_apart,
+)
 from desim_uav.rowcode.views import View, array_of
 from desim_uav.rules.due import crossing_slot, slots
-from desim_uav.rules.rows import Constants, Drone, State, Station
-from desim_uav.sky.rows import Sky
+from desim_uav.rules.rows import Begun, BegunCourse, Constants, Drone, State
 from desim_uav.world import World
 
 Array = np.ndarray[Any, Any]
@@ -65,7 +74,7 @@ def lacking(world: World) -> list[str]:
     for key, slot, component in choices:
         if why := why_not_compiled(slot, component, world.services.names):
             lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
-    return lacks + too_large(world) + _too_slow(world)
+    return lacks + too_many(world) + too_large(world) + _too_slow(world)
 
 
 MOST_PLANNING = 4 * 10**9
@@ -132,6 +141,7 @@ class Fixed(Unchanging):
                     component = components[slot.key]
                     codes.append(compiled(slot.functions, component, self.services))
                     point_at(row, slot, codes[-1])
+        draw_curves(constants.scene)
         object.__setattr__(self, "at", int(self.block.ctypes.data))
         object.__setattr__(self, "_loaded", codes)  # the constants point at their values
 
@@ -235,7 +245,7 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
     drones, users, count = len(state.drones), len(state.users), slots(state)
     state.slot_times, state.slot_keys = _whole(count), _whole(count)
     state.winners = tournaments(count, crossing_slot(state, 0), len(state.senders))
-    state.before = _whole(1 + sum(begun_words(drones, len(state.stations))))
+    state.before = Table(_begun(drone) for drone in state.drones)
     look = state.look
     state.sky = sky_of(world, room_for(users, buffers, legs))
     if world.links[0].radio.reuse == 0:
@@ -250,15 +260,16 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
         walking.legs = np.zeros(LEG_COLUMNS * legs)
     state.drones = Table()  # which are the first of the senders
     block, scratch_words = packed_apart(state)
-    block[State.places["sky"] + Sky.places["scratch_words"]] = scratch_words
-    senders_at, drones_at = State.places["senders"], State.places["drones"]
-    block[drones_at : drones_at + 2] = block[senders_at], drones
+    block[NEEDS] = scratch_words
+    locate(block, State, "drones", 0, located(block, State, "senders")[0], drones)
     return block
 
 
-def begun_words(drones: int, stations: int) -> tuple[int, int]:
-    """Return the words of the rows of drones, and of stations with their queues."""
-    return Drone.words * drones, (Station.words + drones + 1) * stations
+def _begun(drone: Drone) -> Begun:
+    """Return memory for what an episode begins with of a drone."""
+    begun = blank(Begun)
+    begun.course = None if drone.course is None else blank(BegunCourse)
+    return begun
 
 
 def _whole(count: int) -> Array:

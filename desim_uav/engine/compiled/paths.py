@@ -10,23 +10,23 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.demand.requests import DRAWN, ManyRequests, Requests
+from desim_uav.model.demand.requests import DRAWN, DUE_US, SERVICE, ManyRequests, Requests
 from desim_uav.model.mobility.walking import ManyRowWalks, RowWalks
 from desim_uav.model.mobility.walks import Walks
 from desim_uav.rowcode.kernels import kernel
-from desim_uav.rowcode.rows import Words
+from desim_uav.rowcode.rows import Fitted, Table, Words, held_by, origin_of
 from desim_uav.rowcode.rows import place as place_of
-from desim_uav.rules.rows import Ask, Path
+from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths
 
 T = TypeVar("T")
 
 
 class TableSection(NamedTuple):
-    """The entries of one table in all episodes, end to end, or once if they are always the same.
+    """The numbers of one table in all episodes, end to end, or once if they are always the same.
 
-    ``begins`` and ``counts`` are the index of the first entry of each episode and their number:
-    arrays (episodes,) of whole numbers, or one number for all episodes.
+    ``begins`` and ``counts`` are the index of the first number of each episode and how many there
+    are: arrays (episodes,) of whole numbers, or one number for all episodes.
     """
 
     parts: list[NDArray[Any]]
@@ -36,23 +36,25 @@ class TableSection(NamedTuple):
 
 NOTHING = TableSection([], 0, 0)
 
-
-TABLES = (Ask.words, 1, 1, 1, 1, 1, 1, 1, 1, 1)
-"""The words of an entry of each table of a Path: a row of asks has two, other entries one."""
+TABLES = [name for name, kind in Path.kinds.items() if origin_of(kind) is Table]
+HEADERS = [Path.byte_of[name] // 4 for name in TABLES]
+"""The numbers of 32 bits of a Path with which its tables begin (``rowcode.rows.NEAR_WORDS``)."""
+FITTED = [held_by(Path.kinds[name]) is Fitted for name in TABLES]
+"""Whether the numbers of these tables may have 32 bits."""
 
 
 def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
-    """Return sample paths in one block, and the word at which each one's row begins."""
+    """Return sample paths in one block, and the word at which each one's row begins.
+
+    All numbers have 64 bits there, and what is always the same stands there once.
+    """
     rows, sections = _rows_and_sections(paths)
-    starts = Path.words * np.arange(len(rows))
-    at, place, parts = rows.size, 2, []
-    for columns, section in zip(TABLES, sections, strict=True):
-        if section is NOTHING:
-            rows[:, place : place + 2] = 0
-        else:
-            rows[:, place] = 8 * (at + section.begins - starts)
-            rows[:, place + 1] = section.counts // columns
-        place += 2
+    starts, halves = Path.words * np.arange(len(rows)), rows.view(np.int32)
+    at, parts = rows.size, []
+    for header, section in zip(HEADERS, sections, strict=True):
+        if section is not NOTHING:
+            halves[:, header] = at + section.begins - starts
+            halves[:, header + 1] = section.counts
         for part in section.parts:
             parts.append(_as_words(part))
             at += part.size
@@ -63,23 +65,27 @@ def blocks_of(paths: SamplePaths) -> tuple[list[Words], NDArray[np.int64]]:
     """Return sample paths in a block of memory each, and the addresses of these blocks.
 
     A block may be copied and kept on its own. All are parts of one array, which exists as long as
-    one of them does.
+    one of them does. Numbers have 32 bits if those of all episodes fit.
     """
     rows, sections = _rows_and_sections(paths)
-    episodes = len(rows)
-    begins, sizes = np.empty((2, len(sections), episodes), np.int64)
-    for number, section in enumerate(sections):
-        begins[number], sizes[number] = section.begins, section.counts
+    episodes, halves = len(rows), rows.view(np.int32)
+    begins, counts, sizes = np.empty((3, len(sections), episodes), np.int64)
+    narrow = []
+    for k, (section, fitted) in enumerate(zip(sections, FITTED, strict=True)):
+        begins[k], counts[k] = section.begins, section.counts
+        narrow.append(fitted and all(map(_fits, section.parts)))
+        sizes[k] = (counts[k] + 1) // 2 if narrow[k] else counts[k]
     lengths = Path.words + sizes.sum(axis=0)
     ends = np.cumsum(lengths)
     starts = ends - lengths
-    block, at, place = np.empty(ends[-1], np.int64), np.full(episodes, Path.words), 2
-    for columns, section, begin, counts in zip(TABLES, sections, begins, sizes, strict=True):
-        rows[:, place], rows[:, place + 1] = 8 * at, counts // columns
-        place += 2
+    block, at = np.zeros(ends[-1], np.int64), np.full(episodes, Path.words)
+    of_32_bits = block.view(np.int32)
+    for k, (header, section) in enumerate(zip(HEADERS, sections, strict=True)):
+        halves[:, header], halves[:, header + 1] = at, -1 - counts[k] if narrow[k] else counts[k]
         if section.parts:
-            _copy_parts(_joined(section), begin, counts, block, starts + at)
-        at += counts
+            target, first = (of_32_bits, 2 * (starts + at)) if narrow[k] else (block, starts + at)
+            _copy_parts(_joined(section), begins[k], counts[k], target, first)
+        at += sizes[k]
     _copy_parts(
         rows.reshape(-1),
         Path.words * np.arange(episodes),
@@ -96,34 +102,41 @@ def _copy_parts(
     source: Words,
     begins: NDArray[np.int64],
     counts: NDArray[np.int64],
-    block: Words,
+    block: NDArray[Any],
     at: NDArray[np.int64],
 ) -> None:
-    """Copy ``counts`` (episodes,) words from ``source``, from ``begins`` on, to ``at``."""
+    """Copy ``counts`` (episodes,) numbers from ``source``, from ``begins`` on, to ``at``."""
     for k in range(len(counts)):
-        for word in range(counts[k]):
-            block[at[k] + word] = source[begins[k] + word]
+        for number in range(counts[k]):
+            block[at[k] + number] = source[begins[k] + number]
+
+
+def _fits(numbers: Words) -> bool:
+    """Return whether whole numbers fit in 32 bits."""
+    return not len(numbers) or bool(numbers.min() >= -LARGEST and numbers.max() <= LARGEST)
+
+
+LARGEST = 2**31 - 1
 
 
 def _joined(section: TableSection) -> Words:
     """Return the entries of a section as words, end to end."""
     words = [_as_words(part) for part in section.parts]
-    return words[0] if len(words) == 1 else np.concatenate(words)
+    return np.ascontiguousarray(words[0]) if len(words) == 1 else np.concatenate(words)
 
 
 def _as_words(part: NDArray[Any]) -> Words:
     return part.view(np.int64) if part.dtype == np.float64 else part.astype(np.int64, copy=False)
 
 
-def _rows_and_sections(paths: SamplePaths) -> tuple[NDArray[np.int64], tuple[TableSection, ...]]:
-    """Return rows of Path whose tables are still to be set, and their sections in order."""
-    stepwise, legs_at, legs, streams = _walking(paths.walking)
-    asks, drawn, asks_at = _requests(paths.requests)
-    rows = np.empty((len(paths.episodes), Path.words), np.int64)
+def _rows_and_sections(paths: SamplePaths) -> tuple[Words, tuple[TableSection, ...]]:
+    """Return rows of Path whose tables are still to be set, and the sections of ``TABLES``."""
+    stepwise, legs, legs_at, streams = _walking(paths.walking)
+    rows = np.zeros((len(paths.episodes), Path.words), np.int64)
     rows[:, 0], rows[:, 1] = stepwise, paths.respawn.shape[2]
     respawns, keys, follows = _block(paths.respawn), _keys(paths.link_keys), _follows(paths)
-    errors = _errors(paths)
-    return rows, (asks, drawn, asks_at, legs, legs_at, streams, respawns, errors, keys, follows)
+    walks = legs, legs_at, streams
+    return rows, (*_requests(paths.requests), *walks, respawns, _errors(paths), keys, follows)
 
 
 def _block(numbers: NDArray[Any]) -> TableSection:
@@ -152,7 +165,7 @@ def _listed(arrays: Sequence[NDArray[Any]]) -> TableSection:
 def _walking(
     walking: Sequence[Walks | RowWalks],
 ) -> tuple[bool, TableSection, TableSection, TableSection]:
-    """Return whether users walk step by step, the offsets of legs, the legs, and users' streams."""
+    """Return whether users walk step by step, the legs, their offsets, and users' streams."""
     if isinstance(walking, ManyRowWalks):
         return True, NOTHING, NOTHING, _block(walking.states.view(np.int64))
     walking = _once(walking)
@@ -162,25 +175,29 @@ def _walking(
     walks = [own.drawn() for own in walking]
     return (
         False,
-        _listed([own.offsets for own in walks]),
         _listed([own.legs for own in walks]),
+        _listed([own.offsets for own in walks]),
         NOTHING,
     )
 
 
-def _requests(requests: Sequence[Requests]) -> tuple[TableSection, TableSection, TableSection]:
-    """Return the sections of the requests, of the values that they draw, and of their offsets."""
+def _requests(requests: Sequence[Requests]) -> tuple[TableSection, ...]:
+    """Return the sections of requests: times, services, values that they draw, and offsets."""
     if isinstance(requests, ManyRequests):
         begins, counts = np.array(requests.begins), requests.offsets[:, -1]
-        asks, drawn = (
-            TableSection([part.reshape(-1)], part.shape[1] * begins, part.shape[1] * counts)
-            for part in (requests.asks, requests.drawn)
+        draws = requests.drawn.shape[1]
+        return (
+            *(
+                TableSection([requests.asks[:, column]], begins, counts)
+                for column in (DUE_US, SERVICE)
+            ),
+            TableSection([requests.drawn.reshape(-1)], draws * begins, draws * counts),
+            _block(requests.offsets),
         )
-        return asks, drawn, _block(requests.offsets)
     requests = _once(requests)
+    columns = (DUE_US, SERVICE, slice(DRAWN, None))
     return (
-        _listed([own.rows[:, :DRAWN] for own in requests]),
-        _listed([own.rows[:, DRAWN:] for own in requests]),
+        *(_listed([own.rows[:, column] for own in requests]) for column in columns),
         _listed([own.offsets for own in requests]),
     )
 

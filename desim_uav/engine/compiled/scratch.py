@@ -14,9 +14,13 @@ from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.rows import Words, headers_of, place
 from desim_uav.rules.rows import State
+from desim_uav.sky.rows import Sky
 
 HEADERS = headers_of(State)
 """The words of a state that say where its tables in scratch are, relative to their rows."""
+
+NEEDS = (State.byte_of["sky"] + Sky.byte_of["scratch_words"]) // 8
+"""The word of a state that says how many words of scratch it needs."""
 
 WORDS = State.words
 
@@ -40,10 +44,10 @@ _own = _OfThread()
 _one_at_a_time = threading.Lock()
 
 
-def need(state: State) -> None:
-    """Let all scratch suffice for a state, from the next calls of kernels on."""
+def need(memory: Words) -> None:
+    """Let all scratch suffice for a state in memory, from the next calls of kernels on."""
     with _one_at_a_time:  # two threads may make engines at the same time
-        _OfThread.most = max(_OfThread.most, state.sky.scratch_words)
+        _OfThread.most = max(_OfThread.most, int(memory[NEEDS]))
 
 
 def scratch() -> int:

@@ -16,7 +16,7 @@ from desim_uav.copies import owned, usable
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.compiled import calls, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
-from desim_uav.engine.compiled.pack import begun_words, legs_of_step, pack, pack_state
+from desim_uav.engine.compiled.pack import legs_of_step, pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.saving import Block
 from desim_uav.engine.compiled.scratch import need, scratch
@@ -30,8 +30,8 @@ from desim_uav.model.mobility.walks import misstep
 from desim_uav.model.state import Snapshot
 from desim_uav.rowcode.code_digest import code_digest
 from desim_uav.rowcode.rows import Words, held_by, is_row, named
-from desim_uav.rowcode.views import View, array_of, dtype_of
-from desim_uav.rules.rows import Drone, LookRow, PlanRow, State, Station
+from desim_uav.rowcode.views import View, array_of
+from desim_uav.rules.rows import LookRow, PlanRow, State
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY, UNFINISHED
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.scenario.description import code_of, own_classes
@@ -115,7 +115,7 @@ class BatchSimulation(Engine):
         self.constants = self.fixed.constants
         self.state_at = int(self.memory.ctypes.data)
         self.state = View(self.memory, State)
-        need(self.state)
+        need(self.memory)
 
     @cached_property
     def drones(self) -> Any:  # type: ignore[override]
@@ -218,13 +218,9 @@ class BatchSimulation(Engine):
         """Return the states in which drones began the episode, which may have to be repeated."""
         carried, goes_on = self._began
         if goes_on:
-            before: Words = self.state.before
-            words, _ = begun_words(len(self.drones), len(self.world.stations))
-            drones, stations = before[1 : 1 + words], before[1 + words :]
-            rows = list(map(named(Drone)._make, drones.view(dtype_of(Drone)).tolist()))
-            places = range(0, len(self.world.stations) * Station.words, Station.words)
-            queues = [array_of(stations, Station, "queue", at).tolist() for at in places]
-            carried = self.drones_of(before.item(0), rows, queues)
+            begun = self.state.before
+            places = [drone.place for drone in begun]
+            carried = self.drones_of(self.state.before_us, begun, places)
             self._began = carried, False
         return carried
 
@@ -312,7 +308,7 @@ class BatchSimulation(Engine):
         if self.state.faults & LOST:
             mobility: Any = self.world.row_mobility
             model: Any = type(mobility)
-            at = State.places["look"] + LookRow.places["walking"]
+            at = (State.byte_of["look"] + LookRow.byte_of["walking"]) // 8
             raise misstep(mobility, View(self.memory, walking_of(model), at))
 
     def check(self) -> None:

@@ -18,14 +18,14 @@ from desim_uav.engine.des.skies import Skies
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
 from desim_uav.engine.state import Buffers, state_of
-from desim_uav.model.demand.requests import DRAWN, Requests
+from desim_uav.model.demand.requests import DRAWN, DUE_US, SERVICE
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.rowcode.rows import Table, blank, bound, maker_of
+from desim_uav.rowcode.rows import Table, blank, bound
 from desim_uav.rowcode.views import Numbers
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
-from desim_uav.rules.rows import Ask, Constants, Path, State
+from desim_uav.rules.rows import Constants, Path, State
 from desim_uav.rules.walks import look_anew
 from desim_uav.rules.words import RESPAWN
 from desim_uav.sample_path import SamplePath
@@ -75,7 +75,7 @@ class Simulation(Engine):
         self.constants = self._constants()
         self.state = self._state()
         self.drones = self.state.drones
-        self._asks: tuple[Requests | None, Table[Any], Table[int]] = (None, Table(), Table())
+        self._asks: tuple[Any, ...] = (None, Table(), Table(), Table())
         self.clock = Clock(0)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -207,10 +207,9 @@ class Simulation(Engine):
         row: Any = blank(Path)
         requests, walks = path.requests, path.walks
         if requests is not self._asks[0]:
-            asks = Table(map(maker_of(Ask), requests.rows[:, :DRAWN].tolist()))
-            drawn = Table(requests.rows[:, DRAWN:].reshape(-1).tolist())
-            self._asks = requests, asks, drawn
-        _, row.asks, row.drawn = self._asks
+            parts = (requests.rows[:, part] for part in (DUE_US, SERVICE, slice(DRAWN, None)))
+            self._asks = requests, *(Table(part.reshape(-1).tolist()) for part in parts)
+        _, row.due_us, row.services, row.drawn = self._asks
         row.asks_at = Table(requests.offsets.tolist())
         row.legs = np.ascontiguousarray(walks.legs, float).reshape(-1).view(Numbers)
         row.legs_at = np.ascontiguousarray(walks.offsets, np.int64).view(Numbers)

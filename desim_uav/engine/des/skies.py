@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.engine.sky import Room, enlarged, scene_of, sky_of
+from desim_uav.engine.sky import Room, draw_curves, enlarged, scene_of, sky_of
 from desim_uav.model.mobility.walks import Walks
 from desim_uav.model.radio.chances import compiled_chance
 from desim_uav.model.radio.levels import compiled_loss
@@ -66,6 +66,7 @@ class Skies:
                     chance = compiled_chance(own.radio.path_loss)
                     row.p_los = chance.p_los
                     self._kept.append(chance)
+        draw_curves(constants.scene)
 
     def _with_room(
         self, kernel: Any, state: Callable[[], Any], larger: Callable[[int], Room | None]

@@ -31,7 +31,20 @@ from desim_uav.rowcode.components import (
     ruled,
 )
 from desim_uav.rowcode.kernels import rule
-from desim_uav.rowcode.rows import Row, Table, Words, attach, blank, bound, fill, packed, place, row
+from desim_uav.rowcode.rows import (
+    Row,
+    Table,
+    Words,
+    attach,
+    blank,
+    bound,
+    fill,
+    is_number,
+    number,
+    packed,
+    place,
+    row,
+)
 from desim_uav.rowcode.views import View
 
 NOTHING = -1
@@ -91,6 +104,7 @@ class Asking(Row):
     ``lost`` is the number of the user whose draw is invalid, plus 1; 0 if there is none.
     """
 
+    attached = ("states", "offsets", "asks", "drawn")
     horizon_us: int
     users: int
     most: int
@@ -280,8 +294,8 @@ def _is_sound(asker: Asker, services: Offer) -> Any:
 def _anew(asker: Asker) -> Any:
     """Return a row whose numbers are all 0 again."""
     for name, kind in asker.kinds.items():
-        if kind in (int, float):
-            setattr(asker, name, kind(0))
+        if is_number(kind):
+            setattr(asker, name, number(kind))
     return asker
 
 
@@ -317,7 +331,7 @@ def _draw_by(
 def _asking_of(demand: Any) -> Any:
     """Return the class of rows for the draws of a class of models."""
     kinds = {**Asking.kinds, "asker": remembering(Asker, demand)}
-    return row(type("Asking", (Row,), {"__annotations__": kinds}))
+    return row(type("Asking", (Row,), {"__annotations__": kinds, "attached": Asking.attached}))
 
 
 def _around(cls: Any, values_at: ValuesAt) -> Any:

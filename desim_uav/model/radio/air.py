@@ -22,6 +22,7 @@ from desim_uav.model.radio.links import (
     Link,
     are_a_pair,
     are_clear,
+    begin_again,
     class_at,
     compare,
     look,
@@ -30,6 +31,7 @@ from desim_uav.model.radio.links import (
     sign,
 )
 from desim_uav.model.radio.passing import SOON_S
+from desim_uav.model.radio.quick import bound_quickly, search_quickly
 from desim_uav.model.radio.search import search
 from desim_uav.model.radio.spans import (
     bound_high,
@@ -59,6 +61,27 @@ def find_classes(air: Air, users: Walkers, span_us: tuple[int, int], user: int) 
     microsecond are one, or cancel. For where they are written see ``note``.
     """
     look_from(air, users, span_us, user)
+    sought = -1
+    if air.links[SIGNAL].curve_count > 0 and span_us[1] > span_us[0]:
+        sought = bound_quickly(air, span_us[0])
+    if sought < 0:
+        sought = _bound(air, span_us)
+    elif sought > 0 and _follow(air, users, span_us, user, False, True):
+        sought = 0
+    else:
+        for k in range(air.used):
+            if air.links[k].sought:
+                begin_again(air.links[k])
+    if sought > 0:
+        _follow(air, users, span_us, user, False, False)
+    for k in range(air.used):
+        if air.links[k].out != 0:
+            sign(air.links[k], user)
+
+
+@rule
+def _bound(air: Air, span_us: tuple[int, int]) -> int:
+    """Note which signals keep their class in a span, and return how many others are sought."""
     sought = 0
     for k in range(air.used):
         air.links[k].sought = int(air.links[k].out != 0)
@@ -70,11 +93,7 @@ def find_classes(air: Air, users: Walkers, span_us: tuple[int, int], user: int) 
         for k in range(air.used):
             if air.links[k].sought:
                 sought += _seeks(air, k, stays_in(air, k), span_us)
-    if sought > 0:
-        _follow(air, users, span_us, user, False)
-    for k in range(air.used):
-        if air.links[k].out != 0:
-            sign(air.links[k], user)
+    return sought
 
 
 @rule
@@ -106,7 +125,7 @@ def find_better(
     from one place, the class changes there if it does at all.
     """
     if threshold_db == 0.0 and _are_alike(air, users, user):
-        _follow(air, users, span_us, user, True)
+        _follow(air, users, span_us, user, True, False)
         return
     look_from(air, users, span_us, user)
     for k in range(air.used):
@@ -115,14 +134,17 @@ def find_better(
     if state >= 0:
         note(air.links[SIGNAL], span_us[0], state)
     else:
-        _follow(air, users, span_us, user, False)
+        _follow(air, users, span_us, user, False, False)
 
 
 @kernel
-def _follow(air: Air, users: Walkers, span_us: tuple[int, int], user: int, exact: bool) -> None:
+def _follow(
+    air: Air, users: Walkers, span_us: tuple[int, int], user: int, exact: bool, quick: bool
+) -> bool:
     """Write the changes of a user's classes in a span, of those signals that are sought.
 
-    If ``exact``, the ratio is that of two levels, and passes 0 dB where distances are equal.
+    If ``exact``, the ratio is that of two levels, and passes 0 dB where distances are equal. If
+    ``quick``, curves decide, and False is returned if they cannot.
     """
     legs = users.legs
     start_us, end_us = span_us
@@ -133,22 +155,25 @@ def _follow(air: Air, users: Walkers, span_us: tuple[int, int], user: int, exact
     take_first_rows(air, len(users.heights_m), user)
     while True:
         begins, marked = take_rows(air, t)
-        if is_begun and t >= end and not marked and not exact and are_clear(air):
-            return
+        if is_begun and t >= end and not marked and not exact and (quick or are_clear(air)):
+            return True
         turn = np.inf if leg + 1 == after else (legs[leg + 1, T0_US] - start_us) * 1e-6
         x, y = walked(legs, leg, now_us)
         relate(air, t, (x, y, users.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
-        if not is_begun and not exact:
+        if not is_begun and not exact and not quick:
             bound_steepness(air)
-        if marked or not is_begun or t >= end:
+        if not quick and (marked or not is_begun or t >= end):
             _note_classes(air, t, exact, are_a_pair(air) and end > SOON_S)
-            is_begun = True
+        is_begun = True
         if t >= end:
-            return
+            return True
         until = min(end, begins, turn)
         if until > t:
             if exact:
                 _pass(air, (t, until - t))
+            elif quick:
+                if not search_quickly(air, t, until - t):
+                    return False
             else:
                 search(air, t, until - t)
         t, now_us = until, float(end_us) if until == end else start_us + until * 1e6

@@ -45,7 +45,7 @@ def bound_level(link: Link, since: float, until: float) -> None:
         (px, py), (qx, qy) = _level_at(link, since), _level_at(link, until)
         near, far = np.sqrt(px * px + py * py), np.sqrt(qx * qx + qy * qy)
         least, most = -level_speed, level_speed
-        pull = _pull(px, py, ux, uy, ax, ay, lasts, np.sqrt(x * x + y * y) - level_speed * half)
+        pull = pull_of(px, py, ux, uy, ax, ay, lasts, np.sqrt(x * x + y * y) - level_speed * half)
         if near > 0.0:
             least = max(least, (px * ux + py * uy) / near + pull * lasts)
         if far > 0.0:
@@ -62,7 +62,7 @@ def _level_at(link: Link, t: float) -> tuple[float, float]:
 
 
 @rule
-def _pull(
+def pull_of(
     px: float,
     py: float,
     ux: float,

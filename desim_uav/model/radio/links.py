@@ -52,12 +52,22 @@ class Change(Row):
 class Look(Row):
     """A link when one looks: its level, its power, and its ratio to noise and interference.
 
-    Ratios are known of signals whose class was not settled before the look.
+    Ratios are known of signals whose class was not settled before the look. The rest is known if
+    one looks by curves (``model.radio.curve_looks``): the class (``state``), the distance and how
+    fast it grows, by how much the level and the ratio may be wrong, how fast the power changes with
+    the distance, and the ratio with time.
     """
 
     level_dbm: float
     power_mw: float
     ratio_db: float
+    state: int
+    distance_m: float
+    away_mps: float
+    error_db: float
+    margin_db: float
+    mw_per_m: float
+    db_per_s: float
 
 
 @row
@@ -67,8 +77,10 @@ class Link(Row):
     First, what is called: the addresses of the path loss (``levels.Loss``), its carrier, and the
     branch. Then, the first row of the sender's track, the one after the last and the present one;
     the present mark and the last one, and since when their times count, in microseconds since the
-    start of the span. ``base_dbm`` is the level before the path loss. The place, the velocity and
-    the acceleration of the sender are those relative to the user at the start of the stretch.
+    start of the span. ``base_dbm`` is the level before the path loss, and ``mw`` the power of the
+    sender. If there are curves, so many are at the address ``curves``, and ``curve`` is the address
+    of that for the present user, or 0. The place, the velocity and the acceleration of the sender
+    are those relative to the user at the start of the stretch.
 
     Then, bounds: the least and the largest horizontal distance in the span, how far the sender and
     the user move horizontally in it, together, and how far the sender climbs or descends, in
@@ -103,6 +115,10 @@ class Link(Row):
     base_dbm: float
     noise_dbm: float
     noise_mw: float
+    mw: float
+    curves: int
+    curve_count: int
+    curve: int
     x_m: float
     y_m: float
     z_m: float
@@ -279,6 +295,12 @@ def begin_user(link: Link, before: int) -> None:
     """Begin with the next user, whose class was ``before`` until the span."""
     link.began, link.held, link.state = link.rows, before, -1
     link.sought = int(link.out != 0)
+
+
+@rule
+def begin_again(link: Link) -> None:
+    """Forget the changes of a user."""
+    link.rows, link.state = link.began, -1
 
 
 @kernel

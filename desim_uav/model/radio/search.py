@@ -107,7 +107,7 @@ def _keeps(air: Air, k: int, left: int) -> bool:
     # It turns back at most so far as if it were always as fast as it can be.
     low, high = 0.5 * (before + after - goes), 0.5 * (before + after + goes)
     low, high = min(low, before, after), max(high, before, after)
-    return _stays(air, link, low, high)
+    return stays(air, link, low, high)
 
 
 @kernel
@@ -133,7 +133,7 @@ def _settle(air: Air, k: int, left: int, begin: float, shortest: bool) -> bool:
         if turns > 0.5 * TOLERANCE_DB:
             beyond = turns - 0.5 * TOLERANCE_DB
             low, high = min(before, after) - beyond, max(before, after) + beyond
-            if reached != state or not _stays(air, link, low, high):
+            if reached != state or not stays(air, link, low, high):
                 return False
     if reached != state:
         slopes = (least, most) if reached > state else (-most, -least)
@@ -142,7 +142,7 @@ def _settle(air: Air, k: int, left: int, begin: float, shortest: bool) -> bool:
 
 
 @rule
-def _stays(air: Air, link: Link, low: float, high: float) -> bool:
+def stays(air: Air, link: Link, low: float, high: float) -> bool:
     """Return whether two ratios are in the class of a signal."""
     above = link.lowest + link.state
     if link.state > 0 and low < air.thresholds_db[above - 1]:

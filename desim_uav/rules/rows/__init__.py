@@ -1,8 +1,8 @@
 """The rows of the model: the constants of a run, then a sample path, then the state of an episode.
 
 Times are whole microseconds since the start of the episode, and negative in an earlier episode.
-The time, index or number of what does not exist is -1. ``asks_at`` holds the offsets of ``asks``:
-those of user u are ``asks[asks_at[u]:asks_at[u + 1]]``; ``legs_at`` and ``known_at`` are similar.
+The time, index or number of what does not exist is -1. ``asks_at`` holds the offsets of requests:
+those of user u are ``due_us[asks_at[u]:asks_at[u + 1]]``; ``legs_at`` and ``known_at`` are similar.
 """
 
 from __future__ import annotations
@@ -15,7 +15,16 @@ from desim_uav.rules.rows.constants import (
     TermsRow,
     TypeRow,
 )
-from desim_uav.rules.rows.drones import Course, Credit, Drone, ObservationRow, Pair, Station
+from desim_uav.rules.rows.drones import (
+    Begun,
+    BegunCourse,
+    Course,
+    Credit,
+    Drone,
+    ObservationRow,
+    Pair,
+    Station,
+)
 from desim_uav.rules.rows.flights import (
     CellRow,
     Hop,
@@ -26,7 +35,7 @@ from desim_uav.rules.rows.flights import (
     WaysRow,
 )
 from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
-from desim_uav.rules.rows.sample_path import Ask, Path
+from desim_uav.rules.rows.sample_path import Path
 from desim_uav.rules.rows.state import LookRow, State, Wide
 from desim_uav.rules.rows.users import Request, Spot, Task, User, UserLinks
 from desim_uav.sky.rows import Change, PieceRow, TransitRow

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.rowcode.rows import Queue, Row, Table, row
+from desim_uav.rowcode.rows import Int16, Int32, Maybe, Queue, Row, Table, row
 from desim_uav.rules.rows.flights import PlanRow
 from desim_uav.sky.rows import Change, TransitRow
 
@@ -94,7 +94,8 @@ class Drone(Row):
     ``ahead`` holds the changes of class to come, the next one last. ``served`` counts the requests
     that it serves, and ``asking`` the open ones in its footprint, by service. The marks of its
     links (``model.radio.marks``) are known from ``marked_us`` until ``marked_until_us``, or not at
-    all (-1). ``terms`` are those of its reward; a learner observes ``features``.
+    all (-1). ``terms`` are those of its reward; a learner observes ``features``. Only a drone that
+    is ``off_grid`` has a ``course``, and only if the state ``keeps_credit`` it has ``credit``.
     """
 
     index: int
@@ -136,21 +137,70 @@ class Drone(Row):
     taken: int
     marked_us: int
     marked_until_us: int
-    waiting: Queue[int]
-    sharing: Queue[int]
-    computing: Queue[int]
-    computes: int
+    waiting: Queue[Int32]
+    sharing: Queue[Int32]
+    computing: Queue[Int32]
+    computes: Int16
     power_uw: int
     drawn_us: int
     rest_pj: int
     span_us: int
     ahead: Queue[Change]
-    served: Table[int]
-    asking: Table[int]
-    credit: Credit
-    course: Course
+    served: Table[Int32]
+    asking: Table[Int32]
+    credit: Maybe[Credit]
+    course: Maybe[Course]
     terms: Table[float]
     features: Table[float]
+
+
+@row
+class BegunCourse(Row):
+    """The course with which a drone began the episode (see ``engine.base.FreeCarried``)."""
+
+    x0_m: float
+    y0_m: float
+    z0_m: float
+    x1_m: float
+    y1_m: float
+    z1_m: float
+    limit_mps: float
+    station: Int32
+    node: Int32
+    level: Int32
+
+
+@row
+class Begun(Row):
+    """A drone as it began the episode, as far as an episode takes it over from the one before.
+
+    The fields are those of Drone; ``place`` is the number of drones before it in its station's
+    queue.
+    """
+
+    index: Int16
+    mode: Int16
+    off_grid: Int16
+    hopping: Int16
+    fallen: Int16
+    place: Int16
+    taken: Int32
+    x: Int32
+    y: Int32
+    level: Int32
+    to_x: Int32
+    to_y: Int32
+    to_level: Int32
+    transit: Int32
+    route: Int32
+    route_end: Int32
+    since_us: int
+    until_us: int
+    charge: int
+    counted_m: float
+    fallen_x_m: float
+    fallen_y_m: float
+    course: Maybe[BegunCourse]
 
 
 @row
@@ -201,4 +251,4 @@ class Pair(Row):
 class Station(Row):
     """A charging station: the drones that charge and queue there, in the order of their landing."""
 
-    queue: Queue[int]
+    queue: Queue[Int16]

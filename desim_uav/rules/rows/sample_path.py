@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from desim_uav.rowcode.rows import Row, Table, row
-
-
-@row
-class Ask(Row):
-    """A request to come; ``due_us`` is its time or a think time (see ``demand.Requests``)."""
-
-    due_us: int
-    service: int
+from desim_uav.rowcode.rows import Fitted, Row, Table, row
 
 
 @row
 class Path(Row):
     """The sample path of an episode (see ``SamplePath``).
 
-    ``asks``, the values that each of them has ``drawn`` (``Constants.draws`` numbers each) and
-    ``legs`` (five numbers each) are ordered by user. If users walk ``stepwise``, the
+    Requests to come are ordered by user: ``due_us`` is the time of each, or a think time (see
+    ``demand.Requests``), ``services`` is its service, and of the values that are ``drawn`` it has
+    ``Constants.draws``; so are ``legs`` (five numbers each). If users walk ``stepwise``, the
     compiled engine has the initial states of their random streams (four words each) instead of
     legs. ``respawns`` holds ``respawns_drawn`` stations per drone, and ``errors`` the position
     errors in x and y, in cells, per drone and decision epoch, or nothing without noise.
@@ -29,13 +22,14 @@ class Path(Row):
 
     stepwise: int
     respawns_drawn: int
-    asks: Table[Ask]
-    drawn: Table[int]
-    asks_at: Table[int]
+    due_us: Table[Fitted]
+    services: Table[Fitted]
+    drawn: Table[Fitted]
+    asks_at: Table[Fitted]
     legs: Table[float]
     legs_at: Table[int]
     streams: Table[int]
-    respawns: Table[int]
+    respawns: Table[Fitted]
     errors: Table[float]
     link_key: Table[int]
-    follows: Table[int]
+    follows: Table[Fitted]

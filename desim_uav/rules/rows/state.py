@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from desim_uav.model.mobility.walks import Walking
-from desim_uav.rowcode.rows import Queue, Row, Table, row
-from desim_uav.rules.rows.drones import Drone, ObservationRow, Pair, Station
+from desim_uav.rowcode.rows import Int16, Int32, Queue, Row, Table, row
+from desim_uav.rules.rows.drones import Begun, Drone, ObservationRow, Pair, Station
 from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
 from desim_uav.rules.rows.users import Spot, Task, User, UserLinks
 from desim_uav.sky.rows import Sky
@@ -56,8 +56,8 @@ class State(Row):
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
     ``history`` holds all commands. ``sky`` is for the kernels of the sky. In the compiled engine,
-    ``slot_times`` to ``winners`` are the event queue, and ``before`` holds the time and the rows of
-    drones and stations (with their queues) with which the episode began. In free flight, ``aims``
+    ``slot_times`` to ``winners`` are the event queue, and ``before`` holds the drones as they
+    began the episode, at ``before_us``. In free flight, ``aims``
     holds what belongs to the commands (``Course.aim_x`` and the four after it), ``flown`` the legs
     of a step for the log, and ``away_m`` is memory.
     """
@@ -106,20 +106,20 @@ class State(Row):
     links: Table[UserLinks]
     tasks: Table[Task]
     stations: Table[Station]
-    loose: Queue[int]
-    unsettled: Queue[int]
-    open_requests: Table[int]
-    asked: Table[int]
+    loose: Queue[Int32]
+    unsettled: Queue[Int32]
+    open_requests: Table[Int32]
+    asked: Table[Int32]
     observations: Table[ObservationRow]
     records: Table[Record]
     point_records: Table[PointRecord]
-    counts: Table[int]
+    counts: Table[Int32]
     spots: Table[Spot]
-    firsts: Table[int]
-    masks: Table[int]
+    firsts: Table[Int32]
+    masks: Table[Int16]
     rewards: Table[float]
-    crashed: Queue[int]
-    history: Table[int]
+    crashed: Queue[Int16]
+    history: Table[Int16]
     aims: Table[float]
     away_m: Table[float]
     flown: Queue[FlownRow]
@@ -130,5 +130,6 @@ class State(Row):
     sky: Sky
     slot_times: Table[int]
     slot_keys: Table[int]
-    winners: Table[int]
-    before: Table[int]
+    winners: Table[Int32]
+    before: Table[Begun]
+    before_us: int

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.rowcode.rows import Row, Table, row
+from desim_uav.rowcode.rows import Int16, Int32, Row, Table, row
 
 
 @row
@@ -21,29 +21,29 @@ class Request(Row):
     stages, if any service of the scenario has several.
     """
 
-    number: int
-    user: int
-    service: int
+    number: Int32
+    user: Int32
+    service: Int16
     t_request_us: int
     required: int
     done: int
     rate: int
-    stage: int
-    stages: int
-    line: int
-    queued: int
+    stage: Int16
+    stages: Int16
+    line: Int16
+    queued: Int16
     bandwidth_bps: int
     needs_hz: int
     used_hz: int
     served_us: int
     attached_us: int
-    interruptions: int
+    interruptions: Int32
     t_first_us: int
-    server: int
+    server: Int16
     started_us: int
     counted_us: int
     stopped_us: int
-    last_server: int
+    last_server: Int16
     credited: int
     drawn: Table[int]
 
@@ -58,15 +58,15 @@ class User(Row):
     last stopped; ``doing`` is its ``UserState`` at the end of the episode.
     """
 
-    index: int
-    holder: int
+    index: Int32
+    holder: Int16
     held_since_us: int
-    covered: int
-    next_ask: int
+    covered: Int16
+    next_ask: Int32
     share: float
-    doing: int
+    doing: Int16
     request: Request
-    classes: Table[int]
+    classes: Table[Int16]
     covering: Table[int]
 
 
@@ -109,16 +109,16 @@ class UserLinks(Row):
     change this is ``rival``, at ``turns_us``.
     """
 
-    left: int
+    left: Int16
     left_us: int
-    came_from: int
+    came_from: Int16
     came_us: int
     outage_since_us: int
     outage_until_us: int
-    outage_began_in: int
-    outage_ended_in: int
-    unsettled: int
-    rival: int
+    outage_began_in: Int16
+    outage_ended_in: Int16
+    unsettled: Int16
+    rival: Int16
     turns_us: int
     better_since: Table[int]
 

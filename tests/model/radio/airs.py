@@ -6,6 +6,8 @@ from itertools import chain
 
 import numpy as np
 
+from desim_uav.engine.sky import draw_curves
+from desim_uav.model.radio.curves import blank_curve
 from desim_uav.model.radio.functions import log10, slant_range_m
 from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.links import LOOKS, Link, Look
@@ -110,15 +112,18 @@ class Sky:
         t = np.atleast_1d(np.asarray(t, float))
         return self.level(one, user, t) - self.level(other, user, t)
 
-    def air(self, room=0):
-        """The same for the package, with so much room for changes of each drone."""
-        return Air(self, room)
+    def air(self, room=0, reach_m=0.0):
+        """The same for the package, with so much room for changes of each drone.
+
+        With a reach, there are curves for the heights at which drones begin.
+        """
+        return Air(self, room, reach_m)
 
 
 class Air:
     """The rows of a sky in memory, and the calls of its kernels."""
 
-    def __init__(self, sky, room):
+    def __init__(self, sky, room, reach_m):
         count, users = len(sky.legs), len(sky.walks)
         scene, own = blank(Scene), blank(sky_rows.Sky)
         scene.transits = Table(blank(TransitRow) for _ in sky.legs)
@@ -136,6 +141,8 @@ class Air:
                 sky.noise_dbm,
             )
             radio.lowest, radio.classes = i * len(sky.thresholds), len(sky.thresholds)
+            if reach_m > 0.0:
+                radio.curves = Table([blank_curve(leg.route[2] - USER_M, reach_m)])
             row = own.legs[i]
             row.x0_m, row.y0_m, row.z0_m, row.x1_m, row.y1_m, row.z1_m = leg.route
             row.since_us, row.transit, row.radio = START_US - leg.before_us, i, i
@@ -150,6 +157,7 @@ class Air:
             own.air.marks = records(Mark, [*chain(*marks)])
             own.air.marks_at = self._marks_at(offsets(marks), users)
         self.scene, self.sky, self.users = in_memory(scene), in_memory(own), users
+        draw_curves(self.scene)
         legs = [walks(walk, START_US) for walk in sky.walks]
         self.walks, self.begins = np.concatenate(legs), offsets(legs)
 

@@ -12,9 +12,14 @@ from tests.model.radio.airs import random_sky
 ROOM, USERS = 600, 3
 
 
-def together(sky, held, sought, room=ROOM):
+def together(sky, held, sought, room=ROOM, reach_m=0.0):
     """(the largest number of changes, that of each transmitter, their rows; -7: not written)."""
-    air, count = sky.air(room), len(sky.legs)
+    return found_in(sky.air(room, reach_m), sky, held, sought)
+
+
+def found_in(air, sky, held, sought):
+    """The same of an air."""
+    count, room = len(sky.legs), len(air.sky.changes) // len(sky.legs)
     air.sky.held[:] = held.ravel()
     air.sky.changes.array["user"] = -7
     for leg, wanted in zip(air.sky.legs, sought, strict=True):

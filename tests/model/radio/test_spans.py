@@ -49,7 +49,7 @@ def search_all(scene, sky, out, room, walks, numbers, begins, span_us):
         for k in range(1, air.used):
             air.links[k].sought = 0
         look_from(air, users, span_us, user)
-        _follow(air, users, span_us, user, False)
+        _follow(air, users, span_us, user, False, False)
         sign(signal, user)
     return signal.rows
 
