@@ -27,7 +27,8 @@ from desim_uav.model.random.streams import Purpose, Streams, uniforms_of
 from desim_uav.registry import naming_plug_ins
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.components import NOT_COMPILED, cause_of, check_unchanged
-from desim_uav.rowcode.rows import Table, blank, fill, packed
+from desim_uav.rowcode.packing import packed
+from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rowcode.views import View
 from desim_uav.sample_path import at_once, draw, draw_all
 from desim_uav.world import World

@@ -6,8 +6,9 @@ packages use these names:
 
 - ``rows``: ``row`` and ``Row`` declare a record; ``Table``, ``BoundedTable``, ``Queue`` and
   ``Maybe`` are kinds of its fields, and ``Int32``, ``Int16`` and ``Fitted`` numbers of few bytes.
-  ``blank``, ``fill``, ``named``, ``attach``, ``packed``, ``place``, ``address``, ``bound`` and
-  ``held_by`` make rows, read and write them.
+  ``blank``, ``fill``, ``named``, ``place``, ``address``, ``bound`` and ``held_by`` make rows, read
+  and write them.
+- ``packing``: ``packed`` and ``attach`` write rows and their tables into blocks of memory.
 - ``views``: ``View``, ``in_memory``, ``array_of``, ``dtype_of``, ``zeros`` and ``records`` read and
   write rows in blocks of memory.
 - ``kernels``: ``rule``, ``rare_rule``, ``apart``, ``kernel``, ``maker`` and ``part`` say how a

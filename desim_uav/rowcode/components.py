@@ -17,7 +17,8 @@ from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.code_digest import class_digest
 from desim_uav.rowcode.compiled_rows import address_of, call, pointer_to
 from desim_uav.rowcode.kernels import checked_kernel, kernel, rule
-from desim_uav.rowcode.rows import BoundedTable, Row, Table, Words, fill, packed, row
+from desim_uav.rowcode.packing import packed
+from desim_uav.rowcode.rows import BoundedTable, Row, Table, Words, fill, row
 from desim_uav.rowcode.value_text import OURS, ChangedError, UndescribedError
 
 C = TypeVar("C")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.rowcode.packing import fitting, located, packed, words_for
 from desim_uav.rowcode.rows import (
     FORMATS,
     Int16,
@@ -21,16 +22,12 @@ from desim_uav.rowcode.rows import (
     Row,
     Words,
     bytes_of,
-    fitting,
     held_by,
     is_far,
     is_number,
     is_row,
-    located,
     origin_of,
-    packed,
     place,
-    words_for,
 )
 
 IN_STRUCTURES: dict[Any, Any] = {

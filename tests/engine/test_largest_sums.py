@@ -24,7 +24,8 @@ from desim_uav.model.rules import US
 from desim_uav.model.services import Stage
 from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.kernels import kernel
-from desim_uav.rowcode.rows import Table, blank, packed
+from desim_uav.rowcode.packing import packed
+from desim_uav.rowcode.rows import Table, blank
 from desim_uav.rowcode.views import View
 from desim_uav.rules import requests, wide
 from desim_uav.rules.qoe_reward import fair_times

@@ -15,7 +15,8 @@ from desim_uav import UavParallelVectorEnv
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.compiled.scratch import scratch
-from desim_uav.rowcode.rows import Row, Table, blank, headers_of, packed, packed_apart, row
+from desim_uav.rowcode.packing import headers_of, packed, packed_apart
+from desim_uav.rowcode.rows import Row, Table, blank, row
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

@@ -9,6 +9,8 @@ import numpy as np
 
 from desim_uav.env import UavEnv, UavParallelEnv
 from desim_uav.env.registration import register_envs
+from desim_uav.rowcode.rows import Table, blank
+from desim_uav.rules import rows
 
 register_envs()
 
@@ -24,7 +26,9 @@ BRITTLE: dict[str, Any] = {
 def log_steps(env: UavEnv | UavParallelEnv) -> None:
     """Let the engine of this run keep steps and requests, which nobody who learns looks at."""
     engine = env.session.engine
-    engine.state.keeps_requests = 1
+    state = engine.state
+    state.keeps_requests = 1
+    state.records = Table(blank(rows.Record) for _ in state.drones)
     engine.settings = engine.settings._replace(keep_steps=True)
 
 

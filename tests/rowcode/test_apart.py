@@ -12,7 +12,8 @@ from desim_uav.rowcode import compiled_apart
 from desim_uav.rowcode.code_digest import code_digest
 from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.kernels import apart, kernel, rule
-from desim_uav.rowcode.rows import Row, packed, row
+from desim_uav.rowcode.packing import packed
+from desim_uav.rowcode.rows import Row, row
 
 
 @row

@@ -37,7 +37,7 @@ from dataclasses import dataclass
 
 from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.components import own_kernel, ruled, values_of
-from desim_uav.rowcode.rows import packed
+from desim_uav.rowcode.packing import packed
 
 @dataclass(frozen=True)
 class Times:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from desim_uav.rowcode.compiled_registers import either
 from desim_uav.rowcode.compiled_rows import address_of, as_array, call, entries_at, pointer_to
 from desim_uav.rowcode.kernels import OPTIONS, rule
+from desim_uav.rowcode.packing import locate, located, packed
 from desim_uav.rowcode.rows import (
     Fitted,
     Int16,
@@ -30,9 +31,6 @@ from desim_uav.rowcode.rows import (
     fill,
     held_by,
     is_row,
-    locate,
-    located,
-    packed,
     row,
 )
 from desim_uav.rowcode.views import View, array_of, dtype_of, in_memory

@@ -37,16 +37,8 @@ from desim_uav.model.mobility.walking import walking_of
 from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.rules import US
 from desim_uav.rowcode.components import compiled
-from desim_uav.rowcode.rows import (
-    Table,
-    Words,
-    blank,
-    held_by,
-    locate,
-    located,
-    packed,
-    packed_apart,
-)
+from desim_uav.rowcode.packing import locate, located, packed, packed_apart
+from desim_uav.rowcode.rows import Table, Words, blank, held_by
 from desim_uav.rowcode.views import View, array_of
 from desim_uav.rules.due import crossing_slot, slots
 from desim_uav.rules.rows import Begun, BegunCourse, Constants, Drone, State

@@ -12,7 +12,8 @@ import numpy as np
 
 from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of
 from desim_uav.rowcode.kernels import rule
-from desim_uav.rowcode.rows import Words, headers_of, place
+from desim_uav.rowcode.packing import headers_of
+from desim_uav.rowcode.rows import Words, place
 from desim_uav.rules.rows import State
 from desim_uav.sky.rows import Sky
 

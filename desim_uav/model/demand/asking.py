@@ -31,17 +31,16 @@ from desim_uav.rowcode.components import (
     ruled,
 )
 from desim_uav.rowcode.kernels import rule
+from desim_uav.rowcode.packing import attach, packed
 from desim_uav.rowcode.rows import (
     Row,
     Table,
     Words,
-    attach,
     blank,
     bound,
     fill,
     is_number,
     number,
-    packed,
     place,
     row,
 )

@@ -45,17 +45,8 @@ from desim_uav.rowcode.components import (
     works_on_rows,
 )
 from desim_uav.rowcode.kernels import part, rule
-from desim_uav.rowcode.rows import (
-    BoundedTable,
-    Row,
-    Table,
-    attach,
-    blank,
-    bound,
-    held_by,
-    place,
-    row,
-)
+from desim_uav.rowcode.packing import attach
+from desim_uav.rowcode.rows import BoundedTable, Row, Table, blank, bound, held_by, place, row
 from desim_uav.rowcode.views import View
 
 Start = Literal["stationary", "home"]

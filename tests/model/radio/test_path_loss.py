@@ -23,7 +23,7 @@ from desim_uav.model.radio.path_loss import (
 )
 from desim_uav.rowcode.compiled_rows import pointer_to
 from desim_uav.rowcode.components import own_kernel, ruled, values_of
-from desim_uav.rowcode.rows import packed
+from desim_uav.rowcode.packing import packed
 from desim_uav.scenario.components import Slot
 from desim_uav.scenario.description import described
 
