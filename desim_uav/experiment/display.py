@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from desim_uav.errors import notice
 
 COMPILING = "compiling the engine for the first time; this takes about a minute"
+COMPILING_PARTS = "compiling parts of the engine for the first time; this takes some seconds"
 LINES_EVERY_S = 10.0
 """The least time between two printed lines, if there is no terminal to show a bar."""
 
@@ -32,10 +33,10 @@ class Update(Protocol):
 
 
 @contextmanager
-def display(show: bool, total: int, unit: str, compiling: bool) -> Iterator[Update]:
+def display(show: bool, total: int, unit: str, compiling: str) -> Iterator[Update]:
     """Show the progress of work of ``total`` units, on stderr or in a notebook.
 
-    ``compiling`` says whether the work begins with compiling the engine.
+    ``compiling`` is what is said first if the work begins with compiling, else empty.
     """
     console = Console(stderr=True)
     if not show:
@@ -48,7 +49,7 @@ def display(show: bool, total: int, unit: str, compiling: bool) -> Iterator[Upda
             yield update
     else:
         if compiling:
-            _print(COMPILING)
+            _print(compiling)
         yield _Paced(total, LINES_EVERY_S, lambda count, text: _print(_share(count, total, unit)))
 
 
@@ -72,11 +73,11 @@ class _Paced:
 
 
 @contextmanager
-def _on_terminal(console: Console, total: int, unit: str, compiling: bool) -> Iterator[Update]:
+def _on_terminal(console: Console, total: int, unit: str, compiling: str) -> Iterator[Update]:
     """Show a bar, which disappears when the work has ended."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
-        task = progress.add_task(COMPILING if compiling else unit, total=total)
+        task = progress.add_task(compiling or unit, total=total)
 
         def show(count: int, text: DisplayText) -> None:
             progress.update(task, description=text(), completed=count)
@@ -88,7 +89,7 @@ def _on_terminal(console: Console, total: int, unit: str, compiling: bool) -> It
 
 
 @contextmanager
-def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Update]:
+def _in_notebook(total: int, unit: str, compiling: str) -> Iterator[Update]:
     """Show a line under the cell, which disappears when the work has ended."""
     from desim_uav.report.markup import tag
 
@@ -98,7 +99,7 @@ def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Update]:
         html = tag("div", text, style="color: gray; font-family: monospace") if text else ""
         return {"text/plain": text, "text/html": html}
 
-    first = COMPILING if compiling else _share(0, total, unit)
+    first = compiling or _share(0, total, unit)
     handle = ipython.display(line(first), raw=True, display_id=True)
 
     def show(count: int, text: DisplayText) -> None:

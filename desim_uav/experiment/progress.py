@@ -6,9 +6,9 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
-from desim_uav.experiment.display import Update, display
+from desim_uav.experiment.display import COMPILING, COMPILING_PARTS, Update, display
 from desim_uav.model.geometry.crossings import crossings
 from desim_uav.model.sums import in_order
 from desim_uav.rowcode.kernels import compiled_before
@@ -37,12 +37,12 @@ def progress(
 
     ``engine`` is the engine that may have to be compiled first.
     """
-    kernel: Callable[..., Any] = crossings
+    kernel, text = cast(Callable[..., Any], crossings), COMPILING_PARTS
     if engine == "batch":
         from desim_uav.engine.compiled import loop
 
-        kernel = loop.run
-    with display(show, total, unit, not compiled_before(kernel)) as update:
+        kernel, text = loop.run, COMPILING
+    with display(show, total, unit, "" if compiled_before(kernel) else text) as update:
         yield lambda: update(lambda: unit)
 
 
@@ -51,7 +51,9 @@ def training_progress(show: bool, total: int) -> Iterator[TrainingBar]:
     """Show the progress of a training, with reward, ε and QoE."""
     from desim_uav.learning import fused  # loaded for trainings only
 
-    with display(show, total, "episodes", not compiled_before(fused.play)) as update:
+    with display(
+        show, total, "episodes", "" if compiled_before(fused.play) else COMPILING
+    ) as update:
         yield TrainingBar(update)
 
 

@@ -7,7 +7,7 @@ import types
 import pytest
 
 from desim_uav.experiment import display, progress
-from desim_uav.experiment.display import COMPILING
+from desim_uav.experiment.display import COMPILING, COMPILING_PARTS
 
 
 @pytest.fixture
@@ -20,12 +20,12 @@ def clock(monkeypatch):
 
 class TestLines:
     def test_compiling_is_said_when_it_begins(self, capsys):
-        with display.display(True, 3, "episodes", compiling=True):
+        with display.display(True, 3, "episodes", compiling=COMPILING):
             assert capsys.readouterr().err == f"desim-uav: {COMPILING}\n"
         assert capsys.readouterr() == ("", "")
 
     def test_at_most_every_ten_seconds(self, capsys, clock):
-        with display.display(True, 2000, "episodes", compiling=False) as shown:
+        with display.display(True, 2000, "episodes", compiling="") as shown:
             for _ in range(1500):
                 clock.s += 0.02
                 shown(lambda: "not asked")
@@ -35,23 +35,23 @@ class TestLines:
         assert lines[0].startswith("desim-uav: 50")
 
     def test_short_work_says_nothing(self, capsys):
-        with display.display(True, 5, "runs", compiling=False) as shown:
+        with display.display(True, 5, "runs", compiling="") as shown:
             for _ in range(5):
                 shown(lambda: "runs")
         assert capsys.readouterr() == ("", "")
 
     def test_quiet(self, capsys, clock):
-        with display.display(False, 5, "runs", compiling=True) as shown:
+        with display.display(False, 5, "runs", compiling=COMPILING) as shown:
             clock.s = 100
             shown(lambda: "runs")
         assert capsys.readouterr() == ("", "")
 
-    @pytest.mark.parametrize("engine", ["des", "batch"])
-    def test_what_is_not_compiled_yet(self, capsys, monkeypatch, engine):
+    @pytest.mark.parametrize(("engine", "text"), [("des", COMPILING_PARTS), ("batch", COMPILING)])
+    def test_what_is_not_compiled_yet(self, capsys, monkeypatch, engine, text):
         monkeypatch.setattr(progress, "compiled_before", lambda kernel: False)
         with progress.progress(True, 1, engine=engine):
             pass
-        assert COMPILING in capsys.readouterr().err
+        assert text in capsys.readouterr().err
         with progress.training_progress(True, 1):
             pass
         assert COMPILING in capsys.readouterr().err
@@ -75,7 +75,7 @@ class TestNotebook:
         return texts
 
     def test_a_line_that_goes_at_the_end(self, shown, capsys, clock):
-        with display.display(True, 4, "episodes", compiling=False) as told:
+        with display.display(True, 4, "episodes", compiling="") as told:
             clock.s += 1
             told(lambda: "reward 2")
         first, second, last = shown
@@ -86,6 +86,6 @@ class TestNotebook:
         assert capsys.readouterr() == ("", "")
 
     def test_compiling(self, shown, clock):
-        with display.display(True, 4, "episodes", compiling=True):
+        with display.display(True, 4, "episodes", compiling=COMPILING):
             pass
         assert COMPILING in shown[0]["text/html"]
