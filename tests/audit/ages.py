@@ -1,0 +1,229 @@
+"""Ages recomputed from the table of updates alone, and compared with all that is said of them.
+
+Nothing here is shared with the simulator. Times are whole microseconds; sums of areas are whole
+numbers of half square microseconds, so means are exact but for one division.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import pandas as pd
+
+US = 1_000_000
+DELIVERED, DROPPED, LOST, BUFFERED, STORED = "delivered", "dropped", "lost", "buffered", "stored"
+FATES = (DELIVERED, DROPPED, LOST, BUFFERED, STORED)
+
+
+@dataclass(frozen=True)
+class Update:
+    """A row of the table, with times in microseconds; None where something has not happened."""
+
+    number: int
+    generated: int
+    sent: int | None
+    received: int | None
+    delivered: int | None
+    ended: int
+    fate: str
+    before: int | None
+    after: int | None
+
+
+@dataclass
+class Course:
+    """The age of one sensor from 0 to ``until``, delivery by delivery."""
+
+    until: int
+    freshest: int = 0
+    now: int = 0
+    twice_area: int = 0
+    above: int = 0
+    peaks: list[int] = field(default_factory=list)
+
+    @property
+    def age(self) -> int:
+        """The age now."""
+        return self.now - self.freshest
+
+    def wait(self, until: int, limit: int | None = None) -> None:
+        """Let the age rise as fast as time."""
+        first, last = self.age, until - self.freshest
+        assert until >= self.now and first >= 0, "an age is negative, or time runs backwards"
+        self.twice_area += (first + last) * (until - self.now)
+        if limit is not None:
+            self.above += max(0, last - max(first, limit))
+        self.now = until
+
+    def deliver(self, update: Update) -> None:
+        """Let the age fall if the update is fresher than all before."""
+        assert update.before == self.age, f"age before update {update.number}"
+        if update.generated > self.freshest:
+            self.peaks.append(self.age)
+            self.freshest = update.generated
+        assert update.after == self.age >= 0, f"age after update {update.number}"
+
+
+def audit_updates(
+    updates: pd.DataFrame,
+    sensors: pd.DataFrame,
+    episodes: pd.DataFrame,
+    services: Mapping[str, Mapping[str, Any]],
+) -> None:
+    """Check the three tables of a run against each other. Raises AssertionError.
+
+    ``services`` are the keys of each service of the kind ``collect`` in the scenario.
+    """
+    for episode in episodes.to_dict("records"):
+        number = episode["episode"]
+        own = updates[updates["episode"] == number]
+        _numbers(own)
+        rows = sensors[sensors["episode"] == number].to_dict("records")
+        assert set(own["user"]) <= {row["user"] for row in rows}, "updates of no sensor"
+        until = us(episode["duration_s"])
+        courses = {}
+        for row in rows:
+            mine = [_update(one) for one in own[own["user"] == row["user"]].to_dict("records")]
+            keys = services[row["service"]]
+            assert set(own[own["user"] == row["user"]]["service"]) <= {row["service"]}
+            _times(mine, until)
+            _buffer(mine, keys, until)
+            courses[row["user"]] = _sensor(mine, row, keys, until)
+        _episode(episode, rows, courses, own)
+
+
+def us(time_s: float) -> int:
+    """Return a time in microseconds, of which it is a whole number."""
+    return round(time_s * US)
+
+
+def near(ours: float, theirs: float) -> bool:
+    """Return whether two numbers are equal but for rounding."""
+    return math.isclose(ours, theirs, rel_tol=1e-12, abs_tol=1e-9)
+
+
+def _maybe(time_s: float) -> int | None:
+    return None if pd.isna(time_s) else us(time_s)
+
+
+def _update(row: Mapping[str, Any]) -> Update:
+    times = ("t_sent_s", "t_received_s", "t_delivered_s")
+    sent, received, delivered = (_maybe(row[name]) for name in times)
+    before, after = _maybe(row["age_before_s"]), _maybe(row["age_after_s"])
+    generated, ended = us(row["t_generated_s"]), us(row["t_end_s"])
+    number, fate = row["update"], row["fate"]
+    return Update(number, generated, sent, received, delivered, ended, fate, before, after)
+
+
+def _numbers(own: pd.DataFrame) -> None:
+    """Updates are numbered from 0 on as they are generated, those of the lowest user first."""
+    assert list(own["update"]) == list(range(len(own))), "numbers of updates"
+    order = list(zip(own["t_generated_s"], own["user"], strict=True))
+    assert order == sorted(order), "order of updates"
+    assert set(own["fate"]) <= set(FATES), "an unknown fate"
+
+
+def _times(mine: list[Update], until: int) -> None:
+    """What happens to an update happens in order, and its fate is that of its last time."""
+    for one in mine:
+        passed = [t for t in (one.sent, one.received, one.delivered) if t is not None]
+        times = [one.generated, *passed, one.ended]
+        assert times == sorted(times) and times[0] >= 0 and times[-1] <= until, one
+        assert one.sent is not None or one.received is None, f"received unsent: {one}"
+        assert one.received is not None or one.delivered is None, f"not received: {one}"
+        assert (one.fate == DELIVERED) == (one.delivered is not None), one
+        assert (one.before is None) == (one.after is None) == (one.delivered is None), one
+        if one.fate == DELIVERED:
+            assert one.ended == one.delivered, one
+        elif one.fate in (LOST, STORED):
+            assert one.received is not None, one
+        else:
+            assert one.received is None, one
+        assert one.ended == until or one.fate in (DELIVERED, DROPPED, LOST), one
+
+
+def _buffer(mine: list[Update], keys: Mapping[str, Any], until: int) -> None:
+    """Updates wait in their order, never too many; one is dropped only as ``keeps`` says.
+
+    At one instant, an update may leave the buffer before or after another one comes; both are
+    accepted.
+    """
+    keeps, room = keys.get("keeps", "newest"), keys.get("buffer", 10)
+    born = [one.generated for one in mine]
+    left = [one.received if one.received is not None else one.ended for one in mine]
+    received = [one.received for one in mine if one.received is not None]
+    if keeps != "last":
+        assert received == sorted(received), "overtaken"
+    for at, one in enumerate(mine):
+        there = [k for k in range(at) if left[k] > one.generated]
+        assert len(there) <= room - (one.fate != DROPPED or one.ended > one.generated), (
+            f"more than {room} updates in a buffer at {one.generated}"
+        )
+        if one.fate != DROPPED:
+            continue
+        now = one.ended
+        arrivals = [k for k in range(bisect_left(born, now), bisect_right(born, now)) if k >= at]
+        assert arrivals, f"dropped when nothing came: {one}"
+        older = [k for k in range(at) if left[k] >= now or born[k] == now]
+        if keeps == "oldest":
+            assert now == one.generated and len(older) >= room, f"dropped with room left: {one}"
+        elif keeps == "newest" and now > one.generated:
+            full = [k for k in range(arrivals[0]) if left[k] >= now]
+            assert len(full) >= room, f"dropped with room left: {one}"
+            waits = one.sent is None or one.sent >= now
+            assert waits, f"dropped in transmission: {one}"
+        elif keeps == "last" and not keys.get("preempt", False):
+            assert one.sent is None or one.sent >= now, f"dropped in transmission: {one}"
+
+
+def _sensor(
+    mine: list[Update], row: Mapping[str, Any], keys: Mapping[str, Any], until: int
+) -> Course:
+    """Recompute what the table says of a sensor in an episode."""
+    limit = None if keys.get("age_limit_s") is None else us(keys["age_limit_s"])
+    course = Course(until)
+    delivered = [one for one in mine if one.delivered is not None]
+    for one in sorted(delivered, key=lambda one: (one.delivered, one.received, one.number)):
+        course.wait(one.ended, limit)
+        course.deliver(one)
+    course.wait(until, limit)
+    counts = {fate: sum(one.fate == fate for one in mine) for fate in FATES}
+    assert len(mine) == row["updates"] == sum(counts.values()), "updates are not conserved"
+    for fate in (DELIVERED, DROPPED, LOST):
+        assert counts[fate] == row[fate], f"{fate} updates of user {row['user']}"
+    assert near(course.twice_area / 2 / until / US, row["age_s"]), f"mean age: {row}"
+    assert near(course.age / US, row["age_end_s"]), f"age at the end: {row}"
+    _same(_mean(course.peaks), row["peak_age_s"], f"mean peak: {row}")
+    _same(None if limit is None else course.above / US, row["violation_s"], f"violation: {row}")
+    return course
+
+
+def _mean(times: list[int]) -> float | None:
+    return sum(times) / len(times) / US if times else None
+
+
+def _same(ours: float | None, theirs: Any, what: str) -> None:
+    assert pd.isna(theirs) if ours is None else near(ours, theirs), what
+
+
+def _episode(
+    episode: Mapping[str, Any],
+    rows: list[dict[str, Any]],
+    courses: Mapping[int, Course],
+    own: pd.DataFrame,
+) -> None:
+    """Recompute what the table says of all sensors of an episode."""
+    means = [course.twice_area / 2 / course.until / US for course in courses.values()]
+    assert near(sum(means) / len(means), episode["age_s"]), "mean age of an episode"
+    assert near(max(means), episode["worst_age_s"]), "the worst sensor's age"
+    peaks = [peak for course in courses.values() for peak in course.peaks]
+    _same(_mean(peaks), episode["peak_age_s"], "mean peak of an episode")
+    counts = {"": len(own), **{f"_{f}": int((own["fate"] == f).sum()) for f in FATES[:3]}}
+    for fate, count in counts.items():
+        assert episode[f"updates{fate}"] == count, f"updates{fate} of an episode"
+    limited = [row["violation_s"] for row in rows if not pd.isna(row["violation_s"])]
+    _same(sum(limited) if limited else None, episode["age_violation_s"], "violation of an episode")
