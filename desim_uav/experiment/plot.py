@@ -59,6 +59,12 @@ def _compare(sources: Sequence[Drawable], against: str | None = None) -> Figure:
     return compare_figure(compare_runs([_path(s, "compare") for s in sources], against).content())
 
 
+def _delay(sources: Sequence[Drawable], **options: Any) -> Figure:
+    from desim_uav.report.figures import delay_figure
+
+    return delay_figure([_path(source, "delay") for source in sources], **options)
+
+
 def _sweep(source: Drawable, **options: Any) -> Figure:
     from desim_uav.experiment.sweep.pictures import plot_sweep
 
@@ -154,6 +160,7 @@ KINDS: Mapping[str, Kind] = {
     "energy": Kind(_energy, ("drone",), optional=True),
     "episodes": Kind(_of_run("episodes"), again=True),
     "services": Kind(_of_run("services"), ("episode",), again=True),
+    "delay": Kind(_delay, ("episode",), several=True),
     "radio": Kind(_radio, ("level", "at")),
     "snapshot": Kind(_of_run("snapshot"), ("episode", "minute"), again=True),
 }

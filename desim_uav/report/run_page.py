@@ -130,6 +130,10 @@ def _figures(run: Reported) -> Html:
         caption = "The outcomes, waiting times and QoE1 of requests."
         draw = partial(figures.services_figure, run, width=NARROW)
         pictures.append(Picture("Services", caption, draw))
+    requests = run.counted("requests")
+    if "gigacycles" in requests and requests["gigacycles"].any():
+        caption = "The mean delay of tasks and its parts, and how many were done within a time."
+        pictures.append(Picture("Delay", caption, partial(figures.delay_figure, run, width=NARROW)))
     problem = _no_battery(run, first)
     if problem is None:
         caption = "The first counted episode. Shaded times are those in which a drone cannot serve."

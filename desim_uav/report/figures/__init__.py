@@ -3,6 +3,7 @@
 from desim_uav.report.figures.battery import battery_figure
 from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.compare import compare_figure, intervals_figure
+from desim_uav.report.figures.delay import delay_figure
 from desim_uav.report.figures.energy import energy_figure
 from desim_uav.report.figures.episodes import episodes_figure
 from desim_uav.report.figures.policy import policy_figure
@@ -18,6 +19,7 @@ __all__ = [
     "battery_figure",
     "case_picture",
     "compare_figure",
+    "delay_figure",
     "energy_figure",
     "episodes_figure",
     "intervals_figure",
