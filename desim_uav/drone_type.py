@@ -21,6 +21,7 @@ from desim_uav.model.motion.motion import (
 from desim_uav.model.motion.planner import HOPS, Node, Planner
 from desim_uav.model.motion.space import Space, space_of
 from desim_uav.model.motion.wind import flown_along, motion_in, rest_in
+from desim_uav.model.offloading import shares_of
 from desim_uav.model.rules import MOVES, US, Choice, actions, free_actions, kind_of
 from desim_uav.scenario.drones import Drones, flies_freely
 from desim_uav.scenario.schema import Scenario
@@ -48,13 +49,19 @@ class DroneType(Unchanging):
         that these have are then at other places (see ``World.actions``).
         """
         if self.free:
-            return free_actions(self.limited)
-        return actions(self.scenario.three_d, self.limited, cruise_of(self.drones.motion))
+            return free_actions(self.limited, self.shares)
+        cruise_mps = cruise_of(self.drones.motion)
+        return actions(self.scenario.three_d, self.limited, cruise_mps, self.shares)
 
     @cached_property
     def free(self) -> bool:
         """Whether its drones fly freely, and not from cell to cell."""
         return flies_freely(self.drones)
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """The shares of tasks that a command can choose, ascending; none without a choice."""
+        return shares_of(self.scenario.offloading)
 
     @property
     def chooses_cruise(self) -> bool:

@@ -166,19 +166,18 @@ AIMED = Columns(
     aim_z=(FLOAT, "The same upwards; 0 in 2D."),
 )
 
-CRUISED = Columns(
-    "If drones fly freely and choose their speed (`motion: {space: free, cruise: [4, 12]}`):",
-    aim_cruise=(
-        FLOAT,
-        "The number of the cruise speed that was commanded: -1 is the lowest, 1 the highest.",
-    ),
+CHOSEN = Columns(
+    "If drones fly freely and choose their speed (`motion: {space: free, cruise: [4, 12]}`), or a "
+    "share of tasks (`offloading: {kind: commanded}`):",
+    aim_cruise=(FLOAT, "The cruise speed that was commanded: -1 is the lowest, 1 the highest."),
+    aim_share=(FLOAT, "The same for the share of tasks that is offloaded."),
 )
 
 STEPS = Columns(
     "One row per step and drone: the state at the end of the step, before the next command.",
     STORED,
     AIMED,
-    CRUISED,
+    CHOSEN,
     episode=_EPISODE,
     step=(INT, "The number of the step in its episode, from 0."),
     t_s=(FLOAT, "The time of the end of the step."),

@@ -170,7 +170,7 @@ class TestSteps:
     def test_what_is_unknown_or_without_end_is_null(self, return_drain, charge, action, expected):
         step = Step(
             *(0, 60_000_000, 0, 1.0, 2.0, 3.0, charge, Mode.FLYING, action, Action.HOVER),
-            *(0, 0, 96_000, return_drain, 0, 0.25, 0.0, 0.0, 0.0, 0.0),
+            *(0, 0, 96_000, return_drain, 0, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0),
         )
         world = build_world(loads("seed: 0"), 0)
         row = steps_table([EpisodeLog(0, steps=[step])], world).iloc[0]

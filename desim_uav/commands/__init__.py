@@ -24,10 +24,10 @@ def commands_for(scenario: Scenario, types: tuple[DroneType, ...]) -> Commands:
     ones of a kind. If only some types fly freely, ``FLY`` comes after the actions of the others.
     """
     limited = scenario.limited_battery
-    by_cells = next((own for own in types if not own.free), None)
+    by_cells, shares = next((own for own in types if not own.free), None), types[0].shares
     if by_cells is None:
-        return FreeCommands(scenario, types, free_actions(limited))
-    actions_ = actions(scenario.three_d, limited, cruise_of(by_cells.drones.motion))
+        return FreeCommands(scenario, types, free_actions(limited, shares))
+    actions_ = actions(scenario.three_d, limited, cruise_of(by_cells.drones.motion), shares)
     if not scenario.free:
         return CellCommands(scenario, types, actions_)
     actions_ = (*actions_, Action.FLY)

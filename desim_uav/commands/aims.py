@@ -19,9 +19,10 @@ from desim_uav.rules.words import AIMS
 if TYPE_CHECKING:
     from gymnasium.spaces import Box
 
-NUMBERS = ("aim_x", "aim_y", "aim_z", "aim_cruise", "aim_charge")
+NUMBERS = ("aim_x", "aim_y", "aim_z", "aim_cruise", "aim_share", "aim_charge")
 """The names of the AIMS numbers that a command of free flight can have, in their order: those of
-the displacement, of the cruise speed, and of the wish to charge."""
+the displacement, of the cruise speed, of the share of tasks that is offloaded, and of the wish to
+charge."""
 
 CHARGE = NUMBERS[-1]
 
@@ -29,9 +30,10 @@ CHARGE = NUMBERS[-1]
 class FreeCommands(AlikeCommands):
     """Commands of drones that fly freely: numbers of a displacement, or the index of an action.
 
-    There are 2 or 3 numbers for the displacement, one for the cruise speed if there is a choice,
-    and one for the wish to charge if the battery is limited. A drone that does not have this last
-    one ignores it. Attributes are as in ``CellCommands``.
+    There are 2 or 3 numbers for the displacement, one each for the cruise speed and for the share
+    of tasks that is offloaded if there is a choice, and one for the wish to charge if the battery
+    is limited. A drone that does not have this last one ignores it. Attributes are as in
+    ``CellCommands``.
     """
 
     off_grid, mask_key, output = 1, "allowed", "number of a command"
@@ -42,8 +44,9 @@ class FreeCommands(AlikeCommands):
         return max((self._names(own) for own in self.types if own.free), key=len)
 
     def _names(self, own: DroneType) -> tuple[str, ...]:
-        cruise, charge = NUMBERS[3:4] * own.chooses_cruise, NUMBERS[4:] * own.limited
-        return NUMBERS[: self.scenario.map.dimensions] + cruise + charge
+        beside = (own.chooses_cruise, bool(own.shares), own.limited)
+        chosen = (name for name, has in zip(NUMBERS[3:], beside, strict=True) if has)
+        return (*NUMBERS[: self.scenario.map.dimensions], *chosen)
 
     @cached_property
     def _columns(self) -> list[int]:
@@ -210,8 +213,8 @@ class FreeCommands(AlikeCommands):
 
 def take_aim(drone: Any, aim: Sequence[float]) -> None:
     """Write the AIMS numbers of a command into the row of a drone."""
-    course = drone.course
-    course.aim_x, course.aim_y, course.aim_z, course.aim_cruise, course.aim_charge = aim
+    for name, number in zip(NUMBERS, aim, strict=True):
+        setattr(drone.course, name, number)
 
 
 def _box(*shape: int) -> Box:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.rules import Action, AtSpeed, Choice, fastest_of
+from desim_uav.model.rules import Action, Choice, Variant, fastest_of
 
 Command = int | list[float]
 """An index into ``World.actions``, or the numbers of a displacement in free flight."""
@@ -21,9 +22,16 @@ class CommandError(ValueError):
 
 
 def by_name(actions: Sequence[Choice]) -> dict[str, int]:
-    """Return the index of each action by its name; without a speed, that at the highest one."""
-    fastest = {kind.name.lower(): k for kind, k in fastest_of(actions).items()}
-    return fastest | {action.name.lower(): k for k, action in enumerate(actions)}
+    """Return the index of each action by its name.
+
+    A name without a speed or a share is that at the highest one.
+    """
+    named = {kind.name.lower(): k for kind, k in fastest_of(actions).items()}
+    for k, action in enumerate(actions):
+        if isinstance(action, Variant):
+            for one in (replace(action, share=None), replace(action, cruise_mps=None)):
+                named[one.name.lower()] = k
+    return named | {action.name.lower(): k for k, action in enumerate(actions)}
 
 
 def index_of(actions: Sequence[Choice], answer: Any) -> int | None:
@@ -33,7 +41,7 @@ def index_of(actions: Sequence[Choice], answer: Any) -> int | None:
     """
     if type(answer) is int:
         return answer
-    if isinstance(answer, Action | AtSpeed):
+    if isinstance(answer, Action | Variant):
         return by_name(actions).get(answer.name.lower())
     try:
         if np.ndim(answer) > 0:

@@ -168,6 +168,7 @@ class FreeCarried(NamedTuple):
     station: int
     node: int
     level: int
+    share: float = 1.0
 
 
 class CarriedDrone(NamedTuple):

@@ -13,7 +13,7 @@ from desim_uav.model.catalogue import StageRow
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.rewards import RowReward
-from desim_uav.model.rules import move_of
+from desim_uav.model.rules import move_of, share_of
 from desim_uav.model.services import Terms
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.rowcode.rows import Table, blank, fill
@@ -178,9 +178,14 @@ def whole_hz(bandwidth_hz: float) -> int:
 
 def _set_flights(constants: Constants, world: World) -> None:
     """Set the actions and the transits of the constants."""
+    shares = world.types[0].shares or (1.0,)
+    constants.least_share, most = shares[0], shares[-1]
+    constants.most_share = most
     by_action = {action: 1 + k for k, action in enumerate(world.epoch_moves)}
     constants.moves = Table(
-        fill(Move, (int(action), *move_of(action), by_action.get(action, 0)))
+        fill(
+            Move, (int(action), *move_of(action), by_action.get(action, 0), share_of(action, most))
+        )
         for action in world.actions
     )
     constants.first_hop = _first_hop(world)

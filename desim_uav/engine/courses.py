@@ -58,6 +58,8 @@ def set_course(drone: Drone, world: World) -> None:
         drone.course.limit_mps = math.inf
         for flight in (drone.course.flight, drone.course.probe):
             flight.pieces = Table(blank(PieceRow) for _ in range(TRAPEZOID))
+    if drone.off_grid:
+        drone.course.share = 1.0
 
 
 def set_memory(state: Any, world: World, log: int) -> None:

@@ -1,7 +1,8 @@
 """The states in which drones that fly freely begin an episode, from an untrusted source.
 
 A leg is the coordinates of both of its ends, the limit of its speed (None: there is none) and, on a
-return, its station, the next node, and the level (see ``engine.base.FreeCarried``).
+return, its station, the next node, and the level (see ``engine.base.FreeCarried``). The share of
+tasks that is offloaded follows if it is not 1.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ NOWHERE = (0, 0, 0)
 def plain(one: CarriedDrone, leg: FreeCarried) -> list[Any]:
     """Return the leg of a drone as plain data, without values that an earlier leg has left."""
     limited = one.mode is Mode.FLYING and leg[:3] != leg[3:6] and leg.limit_mps < math.inf
-    home = leg[7:] if one.mode is Mode.RETURNING else NOWHERE
-    return [*map(float, leg[:6]), float(leg.limit_mps) if limited else None, *map(int, home)]
+    home = leg[7:10] if one.mode is Mode.RETURNING else NOWHERE
+    share = [float(leg.share)] if one.rest_us > 0 and leg.share != 1.0 else []
+    limit = float(leg.limit_mps) if limited else None
+    return [*map(float, leg[:6]), limit, *map(int, home), *share]
 
 
 def on_leg(
@@ -37,17 +40,20 @@ def on_leg(
 
     ``hop`` says where the leg of a return leads, in cells.
     """
-    *places, limit = listed(value, 10)[:7]
+    has_share = own.shares and isinstance(value, list) and len(value) == 11
+    share = number(value[10]) if has_share else 1.0
+    require(0.0 <= share <= 1.0, f"{share} is no share")
+    *places, limit = listed(value[:10] if has_share else value, 10)[:7]
     limit_mps = math.inf if limit is None else number(limit)
-    home = [whole(each, -1, HIGHEST) for each in value[7:]]
-    free = FreeCarried._make([*map(number, places), limit_mps, *home])
+    home = [whole(each, -1, HIGHEST) for each in value[7:10]]
+    free = FreeCarried._make([*map(number, places), limit_mps, *home, share])
     start, stop = free[:3], free[3:6]
     one = one._replace(free=free, hop=_hop(start, stop, hop, world) if hop is not None else None)
     require(one.node == _cell(start, world), f"a drone at {start} m is not in the cell {one.node}")
     returns = one.mode is Mode.RETURNING
     require((hop is not None) == returns, "only a drone that returns is on a hop")
     require(limit is None or one.mode is Mode.FLYING, "only a commanded leg has a limit of speed")
-    require(returns or free[7:] == NOWHERE, "only a drone that returns has a station ahead")
+    require(returns or free[7:10] == NOWHERE, "only a drone that returns has a station ahead")
     if one.mode is Mode.CRASHED:
         require(start == stop == (*(one.fallen_m or ()), 0.0), "a crashed drone lies elsewhere")
         return one

@@ -25,8 +25,8 @@ from desim_uav.records import (
     AIMED,
     APART,
     BEGUN,
+    CHOSEN,
     CLASSES,
-    CRUISED,
     ENERGY,
     EPISODES,
     EVENTS,
@@ -176,12 +176,12 @@ def steps_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     """Return one row per step and drone."""
     names = world.commands.names
     more = [*(STORED if world.in_joules else ()), *(AIMED if names else ())]
-    more += [name for name in CRUISED if name in names]
+    more += [name for name in CHOSEN if name in names]
     columns = STEPS.among(more)
     drones = range(world.scenario.drone_count)
     own = STEP_VALUES | _charge_values([world.type_of(drone) for drone in drones])
     flies = [world.commands.of(drone).numbers(drone) > 0 for drone in drones]
-    own |= {name: _of_free(name, flies) for name in (*AIMED, *CRUISED)}
+    own |= {name: _of_free(name, flies) for name in (*AIMED, *CHOSEN)}
     values = [own.get(name, attrgetter(name)) for name in columns if name != "episode"]
     rows = ((log.episode, *(of(step) for of in values)) for log in logs for step in log.steps)
     frame = to_frame(columns, rows)

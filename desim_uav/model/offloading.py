@@ -5,13 +5,27 @@ The built-in components are in ``rules.offloading``.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
+
+from annotated_types import Ge, Le, MaxLen, MinLen
+
+from desim_uav.model.rules import MOST_CHOICES, ascend
+from desim_uav.registry import Checked
+
+Shares = Annotated[
+    tuple[Annotated[float, Ge(0), Le(1)], ...],
+    MinLen(1),
+    MaxLen(MOST_CHOICES),
+    Checked(ascend),
+]
+"""Parts of tasks from which a command chooses, ascending."""
 
 
 class RowOffloading:
     """A way to offload tasks over rows, which can be compiled, so that both engines run it.
 
     A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
+    If it has a field ``shares`` (of the type ``Shares``), each command of a drone chooses one.
     """
 
     plain: ClassVar = ()
@@ -26,3 +40,8 @@ class RowOffloading:
         processor does ``world.clocks[user.index]`` thousandths of a cycle per microsecond.
         """
         raise NotImplementedError
+
+
+def shares_of(offloading: RowOffloading) -> tuple[float, ...]:
+    """Return the shares that a command can choose, ascending; none if it has no choice."""
+    return tuple(getattr(offloading, "shares", ()))

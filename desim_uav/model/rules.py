@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from functools import cache
+from itertools import pairwise
 
 US, MINUTE_US = 1_000_000, 60_000_000
 """Microseconds in a second and in a minute: an engine counts time in whole microseconds."""
@@ -42,29 +43,61 @@ MOVES: dict[Action, tuple[int, int, int]] = {
 
 
 @dataclass(frozen=True)
-class AtSpeed:
-    """A moving action at one of several cruise speeds (``drones.motion.cruise``)."""
+class Variant:
+    """An action with what a command chooses beside it; None where there is no choice.
+
+    A move is at one of several cruise speeds (``drones.motion.cruise``), and a move or a hover has
+    the share of tasks that is offloaded (``offloading: {kind: commanded}``).
+    """
 
     action: Action
-    cruise_mps: float
+    cruise_mps: float | None = None
+    share: float | None = None
 
     @property
     def name(self) -> str:
-        """The name of the action and the speed in m/s, such as ``RIGHT@8.3``."""
-        return f"{self.action.name}@{repr(float(self.cruise_mps)).removesuffix('.0')}"
+        """The name of the action, the speed in m/s and the share, such as ``RIGHT@8.3+0.5``."""
+        return self.action.name + self.suffix
+
+    @property
+    def suffix(self) -> str:
+        """What the name has after that of the action."""
+        beside = (("@", self.cruise_mps), ("+", self.share))
+        return "".join(mark + _shortest(value) for mark, value in beside if value is not None)
 
     def __int__(self) -> int:
-        """Return the number of the action, which is the same at all speeds."""
+        """Return the number of the action, which is that of all its variants."""
         return int(self.action)
 
 
-Choice = Action | AtSpeed
-"""What a drone can be commanded: an action, or a moving action at a cruise speed."""
+def _shortest(number: float) -> str:
+    return repr(float(number)).removesuffix(".0")
+
+
+Choice = Action | Variant
+"""What a drone can be commanded: an action, or one with what is chosen beside it."""
+
+
+MOST_CHOICES = 8
+"""The largest number of cruise speeds, or of shares, that a command can choose from."""
+
+
+def ascend(numbers: Sequence[float] | None) -> None:
+    """Raise ValueError unless numbers ascend."""
+    for lower, higher in pairwise(numbers or ()):
+        if lower >= higher:
+            raise ValueError(f"must ascend; {higher:g} follows {lower:g}")
 
 
 def kind_of(choice: Choice) -> Action:
-    """Return the action of a choice, at whatever speed."""
-    return choice.action if isinstance(choice, AtSpeed) else choice
+    """Return the action of a choice, whatever is chosen beside it."""
+    return choice.action if isinstance(choice, Variant) else choice
+
+
+def share_of(choice: Choice, otherwise: float) -> float:
+    """Return the share of tasks that a choice offloads, or another number if it chooses none."""
+    share = choice.share if isinstance(choice, Variant) else None
+    return otherwise if share is None else share
 
 
 def move_of(choice: Choice) -> tuple[int, int, int]:
@@ -73,7 +106,7 @@ def move_of(choice: Choice) -> tuple[int, int, int]:
 
 
 def fastest_of(choices: Sequence[Choice]) -> dict[Action, int]:
-    """Return the number of each action among choices, at the highest speed if there are several."""
+    """Return the number of each action among choices, at the highest speed and share it has."""
     return {kind_of(choice): number for number, choice in enumerate(choices)}
 
 
@@ -136,32 +169,44 @@ beyond the end of an episode. Until then a drone in such a mode is not asked."""
 
 @cache
 def actions(
-    three_d: bool, limited_battery: bool, cruise_mps: tuple[float, ...] = ()
+    three_d: bool,
+    limited_battery: bool,
+    cruise_mps: tuple[float, ...] = (),
+    shares: tuple[float, ...] = (),
 ) -> tuple[Choice, ...]:
     """Return the actions of a scenario. A command is an index into this tuple.
 
     There are 5, 7 or 9 of them. With cruise speeds, which ascend, each move exists at each of them:
-    the first five or seven actions are those at the lowest speed, those at higher speeds follow,
-    and the actions of charging are the last.
+    the first five or seven actions are those at the lowest speed, and those at higher speeds
+    follow. With shares, which ascend, all of these exist at each share, those at the lowest one
+    first. The actions of charging are the last.
     """
-    choices: list[Choice] = [Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT]
-    choices.append(Action.HOVER)
+    plain = [Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT, Action.HOVER]
     if three_d:
-        choices += [Action.UP, Action.DOWN]
-    if cruise_mps:
-        plain, choices = choices, []
-        for number, speed in enumerate(cruise_mps):
-            at_speed = [AtSpeed(kind_of(each), speed) if each in MOVES else each for each in plain]
-            choices += [each for each in at_speed if number == 0 or each is not Action.HOVER]
-    if limited_battery:
-        choices += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
-    return tuple(choices)
+        plain += [Action.UP, Action.DOWN]
+    speeds: tuple[float | None, ...] = cruise_mps or (None,)
+    choices = [
+        _variant(each, speed, share)
+        for share in shares or (None,)
+        for speed in speeds
+        for each in plain
+        if speed == speeds[0] or each in MOVES
+    ]
+    return (*choices, *_charging(limited_battery))
 
 
 @cache
-def free_actions(limited_battery: bool) -> tuple[Action, ...]:
-    """Return the 2 or 4 actions of a scenario in which drones fly freely."""
-    choices = [Action.FLY, Action.HOVER]
-    if limited_battery:
-        choices += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
-    return tuple(choices)
+def free_actions(limited_battery: bool, shares: tuple[float, ...] = ()) -> tuple[Choice, ...]:
+    """Return the actions of a scenario in which drones fly freely; they hover at each share."""
+    hovers = [_variant(Action.HOVER, None, share) for share in shares or (None,)]
+    return (Action.FLY, *hovers, *_charging(limited_battery))
+
+
+def _variant(action: Action, cruise_mps: float | None, share: float | None) -> Choice:
+    """Return an action with what is chosen beside it, or alone; only a move has a speed."""
+    speed = cruise_mps if action in MOVES else None
+    return action if speed is None and share is None else Variant(action, speed, share)
+
+
+def _charging(limited_battery: bool) -> tuple[Action, ...]:
+    return (Action.GOTO_CHARGING_STATION, Action.CHARGE) if limited_battery else ()

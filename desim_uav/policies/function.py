@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 
 from desim_uav.errors import PolicyError, did_you_mean
 from desim_uav.model.random.streams import Streams
-from desim_uav.model.rules import Action, AtSpeed
+from desim_uav.model.rules import Action, Variant
 from desim_uav.model.state import Observation
 from desim_uav.world import World
 
-Answer = Callable[[Observation, Sequence[bool]], Action | AtSpeed | int | str | Sequence[float]]
+Answer = Callable[[Observation, Sequence[bool]], Action | Variant | int | str | Sequence[float]]
 """A function that chooses a drone's action from its observation and mask. It returns an ``Action``,
 the name of an action, or an index into ``world.actions``; in free flight also the numbers of a
-command, from -1 to 1. If commands choose a cruise speed, a move without one is that at the highest
-speed."""
+command, from -1 to 1. If commands choose a cruise speed or a share of tasks, an action without one
+has the highest."""
 
 
 class FunctionPolicy:
@@ -39,7 +39,7 @@ class FunctionPolicy:
         if sum(mask) == 1:
             return list(mask).index(True)
         answer = self.choose(observation, mask)
-        if not isinstance(answer, str | Action | AtSpeed):
+        if not isinstance(answer, str | Action | Variant):
             return answer
         name = answer if isinstance(answer, str) else answer.name.lower()
         index_of = self._commands.of(observation.drone).named

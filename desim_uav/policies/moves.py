@@ -56,7 +56,8 @@ class FreeMoves:
 
     A drone that starts at the centre of a cell therefore stays on centres, although it is never
     told where in its cell it is. If a step is too short for a move, the move is flown in as many
-    equal parts as it needs. If commands choose a cruise speed, it is the highest one.
+    equal parts as it needs. If commands choose a cruise speed or a share
+    of tasks, it is the highest one.
     """
 
     def __init__(self, world: World) -> None:
@@ -89,7 +90,8 @@ class FreeMoves:
         parts = max(1, math.ceil(length_m / most_m - 1e-9))
         share = length_m / parts / most_m
         displacement = [share * one for one in ahead[: self._world.dimensions]]
-        return [displacement + [1.0] * own.chooses_cruise + [-1.0] * own.limited] * parts
+        highest = [1.0] * (own.chooses_cruise + bool(own.shares))
+        return [displacement + highest + [-1.0] * own.limited] * parts
 
     def _place(self, cell: Cell, level: int) -> Point:
         return (*self._grid.centre(*cell), self._grid.levels_m[level])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from desim_uav.commands.aims import NUMBERS
 from desim_uav.commands.given import Command, CommandError
 from desim_uav.errors import PolicyError, did_you_mean, notice
 from desim_uav.model.random.streams import Streams
-from desim_uav.model.rules import Action
+from desim_uav.model.rules import Action, fastest_of
 from desim_uav.model.state import Observation
 from desim_uav.model.traces import index, read_table
 from desim_uav.registry import register
@@ -24,7 +25,8 @@ class Script:
     """Takes actions from a CSV file with the columns step (from 0), drone and action (a name).
 
     A drone hovers at steps that the file leaves out. If commands choose a cruise speed, an action
-    is written ``right@8.3``; ``right`` is the move at the highest speed. The action ``fly`` of free
+    is written ``right@8.3``; ``right`` is the move at the highest speed. If they choose a share of
+    tasks, it is written ``right+0.5``. The action ``fly`` of free
     flight has its numbers in the columns aim_x, aim_y and so on; they are ignored beside any other
     action. Without aim_charge, the drone does not wish to charge.
     """
@@ -56,7 +58,7 @@ class Script:
         """
         self._notice_late_actions(world)
         commands = world.commands
-        self._hover = commands.actions.index(Action.HOVER)
+        self._hover = fastest_of(commands.actions)[Action.HOVER]
         self._commands: dict[tuple[int, int], Command] = {}
         drones = world.scenario.drone_count
         for at, action in self.commands.items():
@@ -91,7 +93,7 @@ class Script:
 
 def _action(text: str) -> str:
     actions, name = [action.name.lower() for action in Action], text.lower()
-    if name.partition("@")[0] not in actions:
+    if re.split("[@+]", name)[0] not in actions:
         hint = did_you_mean(name, actions)
         raise ValueError(f"not an action{hint}; allowed: {', '.join(actions)}")
     return name

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.rules import Choice, Mode
+from desim_uav.model.rules import Choice, Mode, share_of
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import (
@@ -90,11 +90,11 @@ def record(world: Constants, state: State) -> None:
         count_charge(drone, observation.charge)
         record.used = drone.used
         record.reward = state.rewards[d]
-        record.aim_x = record.aim_y = record.aim_z = record.aim_cruise = 0.0
+        record.aim_x = record.aim_y = record.aim_z = record.aim_cruise = record.aim_share = 0.0
         if drone.off_grid:
             course = drone.course
             record.aim_x, record.aim_y, record.aim_z = course.aim_x, course.aim_y, course.aim_z
-            record.aim_cruise = course.aim_cruise
+            record.aim_cruise, record.aim_share = course.aim_cruise, course.aim_share
     for k in range(len(world.points)):
         sender, point_record = state.senders[len(state.drones) + k], state.point_records[k]
         point_record.step, point_record.t_us = state.step - 1, state.now_us
@@ -139,9 +139,10 @@ def _write_mask(world: Constants, state: State, drone: Drone, observation: Obser
     """Write a drone's mask, and whether it is forced."""
     allows, options, first = observation.allows - 1, 0, drone.index * len(world.moves)
     for k in range(len(world.moves)):
-        action, may_return, may_charge = world.moves[k].action, allows & 2 > 0, allows & 1 > 0
-        allowed = is_allowed(action, allows // 4, may_return, may_charge)
-        allowed = allowed and can_take(action, drone.off_grid)
+        move, may_return, may_charge = world.moves[k], allows & 2 > 0, allows & 1 > 0
+        allowed = is_allowed(move.action, allows // 4, may_return, may_charge)
+        allowed = allowed and can_take(move.action, drone.off_grid)
+        allowed = allowed and chooses_share(allows // 4, move.share, world.most_share)
         state.masks[first + k] = int(allowed)
         options += int(allowed)
     observation.forced = int(options == 1)
@@ -178,11 +179,25 @@ def is_allowed(action: int, mode: int, may_return: bool, may_charge: bool) -> bo
     return True
 
 
+@rule
+def chooses_share(mode: int, share: float, most: float) -> bool:
+    """Return whether a drone in this mode may take an action with this share of tasks.
+
+    One that has no choice takes an action with the highest share, so that there is one only.
+    """
+    return mode in words.DECIDES or share == most
+
+
 def mask(
     actions: tuple[Choice, ...], mode: Mode, may_return: bool, may_charge: bool
 ) -> tuple[bool, ...]:
     """Return the mask of a drone in this mode: one entry per action, at least one of them True."""
-    return tuple(is_allowed(int(each), int(mode), may_return, may_charge) for each in actions)
+    most = max(share_of(each, 0.0) for each in actions)
+    return tuple(
+        is_allowed(int(each), int(mode), may_return, may_charge)
+        and chooses_share(int(mode), share_of(each, most), most)
+        for each in actions
+    )
 
 
 @rule
@@ -220,6 +235,7 @@ def obey(world: Constants, path: Path, state: State, drone: Drone) -> None:
     elif action == words.CHARGE:
         land(world, path, state, drone, words.COMMAND)
     elif drone.off_grid:
+        drone.course.share = world.moves[drone.taken].share
         fly_freely(world, path, state, drone, action == words.FLY)
     else:
         fly(world, path, state, drone, drone.taken)

@@ -114,7 +114,8 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
 def _forget_commands(drone: Drone) -> None:
     """Reset what the commands of the previous episode have left in a drone's course."""
     course = drone.course
-    course.aim_x = course.aim_y = course.aim_z = course.aim_cruise = course.aim_charge = 0.0
+    course.aim_x = course.aim_y = course.aim_z = 0.0
+    course.aim_cruise = course.aim_share = course.aim_charge = 0.0
     course.blocked = 0
     if drone.transit == words.REST:
         course.limit_mps = math.inf if drone.point < 0 else 0.0

@@ -173,13 +173,19 @@ def steer(world: Constants, state: State, drone: Drone) -> int:
     )
     limit_mps = np.inf
     if highest < np.inf:
-        share = 0.5 * (min(max(course.aim_cruise, -1.0), 1.0) + 1.0)
-        cruise_mps = (1.0 - share) * lowest + share * highest
+        cruise_mps = between(lowest, highest, course.aim_cruise)
         limit_mps = chosen_mps(limits, wind, cruise_mps, lasts_s, leg)
         x0, y0, z0, x1, y1, z1 = leg.route
         leg = leg_between(limits, wind, limit_mps, (x0, y0, z0), (x1, y1, z1))
     course.blocked = int(blocked)
     return begin_leg(world, drone, leg, limit_mps)
+
+
+@rule
+def between(lowest: float, highest: float, aim: float) -> float:
+    """Return what a number of a command chooses: from the lowest at -1 to the highest at 1."""
+    share = 0.5 * (min(max(aim, -1.0), 1.0) + 1.0)
+    return (1.0 - share) * lowest + share * highest
 
 
 # ---- serving flight
@@ -198,7 +204,7 @@ def _keep_aim(state: State, drone: Drone) -> None:
     at, course = words.AIMS * (state.step * len(state.drones) + drone.index), drone.course
     state.aims[at], state.aims[at + 1] = course.aim_x, course.aim_y
     state.aims[at + 2], state.aims[at + 3] = course.aim_z, course.aim_cruise
-    state.aims[at + 4] = course.aim_charge
+    state.aims[at + 4], state.aims[at + 5] = course.aim_share, course.aim_charge
 
 
 @rule
@@ -225,6 +231,7 @@ def fly_freely(world: Constants, path: Path, state: State, drone: Drone, flies: 
     course.blocked = 0
     if flies:
         transit = steer(world, state, drone)
+        course.share = between(world.least_share, world.most_share, course.aim_share)
     gives_way = world.gives_way and transit != words.REST
     if gives_way and must_wait(world, state, drone, transit):
         course.blocked, transit = 1, words.REST

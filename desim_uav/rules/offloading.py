@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from desim_uav.model.catalogue import drawn_amount
-from desim_uav.model.offloading import RowOffloading
+from desim_uav.model.offloading import RowOffloading, Shares
 from desim_uav.model.services import COMPUTING
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rule
@@ -64,6 +64,35 @@ class Split(RowOffloading):
         """Return the part that is offloaded; 0 if the user is attached to no drone."""
         own_us = alone_us(world, user)
         return own_us / (own_us + offloaded_us(world, state, user))
+
+
+@register("offloading", "commanded")
+@dataclass(frozen=True)
+class Commanded(RowOffloading):
+    """Each command of a drone chooses the part of a task that is offloaded, until the next command.
+
+    It holds for tasks of users who are attached to the drone. A task of a user who is attached to
+    an access point, or to nothing yet, is offloaded wholly.
+    """
+
+    shares: Shares = (0.0, 0.5, 1.0)
+    """The parts from which each command chooses, ascending, from 0 to 1. There is an action for
+    each move, or hover, and part (`right+0.5`). In free flight, a command has one more number,
+    which chooses a part between the first and the last of them.
+    """
+
+    def share(self, world: Constants, state: State, user: User) -> float:
+        """Return the part that the drone of the user was commanded."""
+        return commanded(world, state, user)
+
+
+@rule
+def commanded(world: Constants, state: State, user: User) -> float:
+    """Return the share that was commanded the drone to which a user is attached; otherwise 1."""
+    if user.holder < 0:
+        return 1.0
+    drone = state.senders[user.holder]
+    return drone.course.share if drone.off_grid else world.moves[drone.taken].share
 
 
 @rule

@@ -108,9 +108,9 @@ NEVER = rules.NEVER
 OWN = -1
 """Stands for the number of a transit that is a drone's own (``Course.flight``), in free flight."""
 
-AIMS = 5
-"""The numbers of a command of free flight: x, y and z of the displacement, the cruise speed, and
-the wish to charge."""
+AIMS = 6
+"""The numbers of a command of free flight: x, y and z of the displacement, the cruise speed, the
+share of tasks that is offloaded, and the wish to charge."""
 
 FLY = int(Action.FLY)
 REST = 0

@@ -441,8 +441,8 @@ def some_command(world: World, mask: tuple[bool, ...], rng: np.random.Generator)
     if rng.random() < 0.15:
         return int(rng.integers(-2, len(mask) + 2))
     weights = [
-        allowed * (3.0 if kind_of(action) in MOVES else 1.0 if action is Action.HOVER else 4.0)
-        for action, allowed in zip(world.actions, mask, strict=True)
+        allowed * (3.0 if action in MOVES else 1.0 if action is Action.HOVER else 4.0)
+        for action, allowed in zip(map(kind_of, world.actions), mask, strict=True)
     ]
     return int(rng.choice(len(mask), p=np.array(weights) / sum(weights)))
 

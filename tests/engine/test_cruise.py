@@ -16,7 +16,7 @@ from desim_uav.experiment import tables
 from desim_uav.experiment.run import play
 from desim_uav.learning.training import Training
 from desim_uav.model.energy.battery import Endurance
-from desim_uav.model.rules import Action, AtSpeed, Mode, fastest_of, kind_of, move_of
+from desim_uav.model.rules import Action, Mode, Variant, fastest_of, kind_of, move_of
 from desim_uav.policies.planning.ground import ground_of
 from desim_uav.report.tracks import Track
 from desim_uav.sample_path import draw
@@ -80,7 +80,7 @@ def test_tables_name_the_action_with_its_speed_and_masks_allow_all_of_them():
     names = tables.steps_table([log], world)["action_taken"].tolist()
     assert names == ["right@5", "hover", "left@20"]
     first = log.steps[0]
-    assert first.action == AtSpeed(Action.RIGHT, 5.0)
+    assert first.action == Variant(Action.RIGHT, 5.0)
     assert kind_of(first.action) is Action.RIGHT
     assert flight.shown[0].masks[0] == (True,) * 9
 
@@ -93,7 +93,7 @@ def test_each_speed_takes_the_energy_of_its_leg_and_of_the_hover_after_it():
     charges = [30 * 3_600_000_000, *(step.charge for step in log.steps)]
     used = [before - after for before, after in pairwise(charges)]
     rest_s, hover_w = (60 - 49.25, 60 - 17, 60), 168.48421774108203
-    legs = [world.only_type.epoch_transits[AtSpeed(Action.RIGHT, v)] for v in (5.0, 20.0)]
+    legs = [world.only_type.epoch_transits[Variant(Action.RIGHT, v)] for v in (5.0, 20.0)]
     flown_j = [energy.drains(leg, leg.duration_us) / 1e6 for leg in legs]
     assert flown_j == pytest.approx([7111.3, 2691.0], abs=0.05)
     expected = [flown + hover_w * s for flown, s in zip((*flown_j, 0.0), rest_s, strict=True)]
@@ -129,7 +129,7 @@ def test_actions_are_in_the_order_of_speeds_and_those_of_charging_are_the_last()
     assert [int(action) for action in world.actions] == [0, 1, 2, 3, 4, 0, 1, 2, 3, 7, 8]
     assert fastest_of(world.actions)[Action.RIGHT] == 7
     assert move_of(world.actions[7]) == (1, 0, 0)
-    names = [AtSpeed(Action.UP, speed).name for speed in (8.3, 12.0, 0.001, 1e3)]
+    names = [Variant(Action.UP, speed).name for speed in (8.3, 12.0, 0.001, 1e3)]
     assert names == ["UP@8.3", "UP@12", "UP@0.001", "UP@1000"]
 
 
@@ -167,7 +167,7 @@ def test_scripts_name_the_speed_or_take_the_highest(tmp_path: Path):
 
 
 def test_functions_name_the_speed_or_take_the_highest():
-    choices = ["right@5", Action.RIGHT, AtSpeed(Action.LEFT, 5.0), 8]
+    choices = ["right@5", Action.RIGHT, Variant(Action.LEFT, 5.0), 8]
 
     def mine(observation: Any, mask: Any) -> Any:
         return choices[observation.step]
@@ -179,9 +179,9 @@ def test_functions_name_the_speed_or_take_the_highest():
 
 def test_planners_plan_with_the_speed_that_takes_least_of_a_battery():
     thrifty = ground_of(choosing(battery=rotary(30.0))).actions
-    assert AtSpeed(Action.RIGHT, 5.0) in thrifty  # 8,922 J in a step, not 9,936 J
+    assert Variant(Action.RIGHT, 5.0) in thrifty  # 8,922 J in a step, not 9,936 J
     by_time = ground_of(choosing(battery={"kind": "endurance"})).actions
-    assert AtSpeed(Action.RIGHT, 20.0) in by_time  # the highest of equally thrifty speeds
+    assert Variant(Action.RIGHT, 20.0) in by_time  # the highest of equally thrifty speeds
     assert len(thrifty) == len(by_time) == 5
 
 
@@ -272,7 +272,7 @@ def test_engines_agree_in_random_fleets_that_choose():
     chosen = 0
     for seed in range(60):
         world = world_of(seed, graded=False)
-        if not isinstance(world.actions[0], AtSpeed):
+        if not isinstance(world.actions[0], Variant):
             continue
         chosen += 1
         one, other = engines(world, (True,) * world.scenario.drone_count)

@@ -34,7 +34,7 @@ EVERY = [
 def obeyed(command, marks, allowed):
     """The action that a drone's row says it takes."""
     world, state, drone = blank(Constants), blank(State), blank(Drone)
-    world.moves = Table(fill(Move, (int(action), 0, 0, 0, 0)) for action in allowed)
+    world.moves = Table(fill(Move, (int(action), 0, 0, 0, 0, 1.0)) for action in allowed)
     state.masks, drone.command = Table(map(int, marks)), command if command < len(marks) else -1
     return allowed[taken(world, state, drone)]
 

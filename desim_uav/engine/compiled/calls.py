@@ -102,7 +102,7 @@ def _keep_course(drone: Drone, begun: Begun) -> None:
     kept.x0_m, kept.y0_m, kept.z0_m = course.x0_m, course.y0_m, course.z0_m
     kept.x1_m, kept.y1_m, kept.z1_m = course.x1_m, course.y1_m, course.z1_m
     kept.limit_mps, kept.station = course.limit_mps, course.station
-    kept.node, kept.level = course.node, course.level
+    kept.node, kept.level, kept.share = course.node, course.level, course.share
 
 
 @kernel
@@ -123,7 +123,7 @@ def aim_all(environments: Ints, aims: NDArray[np.float64], which: NDArray[np.boo
                     course = own.drones[d].course
                     course.aim_x, course.aim_y = aims[k, d, 0], aims[k, d, 1]
                     course.aim_z, course.aim_cruise = aims[k, d, 2], aims[k, d, 3]
-                    course.aim_charge = aims[k, d, 4]
+                    course.aim_share, course.aim_charge = aims[k, d, 4], aims[k, d, 5]
     return 0
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from annotated_types import Ge, Le, MaxLen, MinLen
 from numpy.typing import NDArray
 
-from desim_uav.model.rules import US, AtSpeed, Choice
+from desim_uav.model.rules import MOST_CHOICES, US, Choice, Variant, ascend
 from desim_uav.registry import Checked, register
 from desim_uav.rowcode.kernels import kernel, rule
 from desim_uav.rowcode.rows import BoundedTable, Table
@@ -92,7 +92,7 @@ def commanded_transit(motion: Motion, choice: Choice, distance_m: float, step_s:
 
     Raises ValueError if it takes longer than a step.
     """
-    if isinstance(choice, AtSpeed):
+    if isinstance(choice, Variant) and choice.cruise_mps is not None:
         chooses: Any = motion
         transit: Transit = chooses.cruise_transit(distance_m, step_s, choice.cruise_mps)
         return transit
@@ -124,21 +124,11 @@ def flown_transit(
     return min(transits, key=lambda transit: abs(transit.duration_us - duration_us))
 
 
-MOST_SPEEDS = 8
-"""The largest number of cruise speeds that a command can choose from."""
-
 CruiseSpeed = Annotated[float, Ge(0.001), Le(1000)]
 
 
-def _ascend(speeds: tuple[float, ...] | None) -> None:
-    """Raise ValueError unless speeds ascend."""
-    for lower, higher in zip(speeds or (), (speeds or ())[1:], strict=False):
-        if lower >= higher:
-            raise ValueError(f"must ascend; {higher:g} follows {lower:g}")
-
-
 CruiseSpeeds = Annotated[
-    Annotated[tuple[CruiseSpeed, ...], MinLen(1), MaxLen(MOST_SPEEDS)] | None, Checked(_ascend)
+    Annotated[tuple[CruiseSpeed, ...], MinLen(1), MaxLen(MOST_CHOICES)] | None, Checked(ascend)
 ]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.mobility.walks import joined_walks
 from desim_uav.model.random.streams import Purpose, Streams
-from desim_uav.model.rules import MOVES, Action, Choice, kind_of, move_of
+from desim_uav.model.rules import MOVES, Action, Choice, fastest_of, kind_of, move_of
 from desim_uav.world import World
 
 Ints = NDArray[np.int64]
@@ -85,7 +85,7 @@ def ground_of(world: World) -> Ground:
     grid, limited = world.grid, world.scenario.limited_battery
     (nx, ny), levels = grid.cells, grid.levels(True)
     count = levels * nx * ny
-    actions = (Action.HOVER, *_thriftiest(world))
+    actions = (world.actions[fastest_of(world.actions)[Action.HOVER]], *_thriftiest(world))
     after = np.array([_led_to(world, action, levels) for action in actions])
     charge_unit, takes = _drains(world, world.actions)
     drains = takes[[world.actions.index(action) for action in actions]]

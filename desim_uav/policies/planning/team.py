@@ -191,7 +191,7 @@ def commands_of(
     all_actions = [*ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
     commands = []
     for observation, mask, k in zip(observations, masks, actions.tolist(), strict=True):
-        action = all_actions[k] if k >= 0 and observation.mode in DECIDES else Action.HOVER
+        action = all_actions[k] if k >= 0 and observation.mode in DECIDES else ground.actions[0]
         forced = list(mask).index(True) if sum(mask) == 1 else -1
         commands.append(forced if forced >= 0 else ground.world.actions.index(action))
     return commands

@@ -19,7 +19,7 @@ from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.model.observations import common_features
 from desim_uav.model.random.streams import Purpose, Streams
-from desim_uav.model.rules import Action, AtSpeed, Choice, Mode, kind_of, move_of
+from desim_uav.model.rules import Action, Choice, Mode, Variant, kind_of, move_of
 from desim_uav.policies.tabular import QTable
 from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
 from desim_uav.report.figures.style import grid_of, headed, styled
@@ -200,7 +200,8 @@ class Reading:
 def _draw_actions(axes: Axes, read: Reading, slice_: Slice) -> None:
     """Draw an arrow for a move and a symbol for other actions, in vermillion if not learned.
 
-    If commands choose a cruise speed, the number at an arrow is that of the speed, from 1 on.
+    If commands choose a cruise speed or a share of tasks, the number at an arrow or symbol is that
+    of the choice, from 1 on.
     """
     grid = read.world.grid
     cells = np.argwhere(slice_.learned & ~slice_.built)
@@ -221,16 +222,22 @@ def _draw_actions(axes: Axes, read: Reading, slice_: Slice) -> None:
             dot = (6.5 * size) ** 2
             symbol, gid = SYMBOLS[kind_of(action)][0], action.name
             axes.scatter(xs, ys, dot, c=colours, marker=symbol, lw=0, zorder=6, gid=gid)
-        if isinstance(action, AtSpeed):
-            number = _speeds(read).index(action.cruise_mps) + 1
+        if isinstance(action, Variant):
+            number = _variants(read)[action.suffix]
             for x, y in zip(xs, ys, strict=True):
                 axes.annotate(str(number), (x, y), **NUMBER, fontsize=6 * size, zorder=7)
 
 
-def _speeds(read: Reading) -> list[float]:
-    """Return the cruise speeds that commands choose from, ascending."""
-    at_speeds = [each.cruise_mps for each in read.world.actions if isinstance(each, AtSpeed)]
-    return sorted(set(at_speeds))
+def _variants(read: Reading) -> dict[str, int]:
+    """Return the numbers of what commands choose beside a move, by how it is written."""
+    variants = [each.suffix for each in read.world.actions if isinstance(each, Variant)]
+    return {suffix: number for number, suffix in enumerate(dict.fromkeys(variants), 1)}
+
+
+def _said(suffix: str) -> str:
+    """Return in words what a command chooses beside a move."""
+    speed, _, share = suffix.removeprefix("@").partition("+")
+    return ", ".join([f"{speed} m/s"] * bool(speed) + [f"{share} offloaded"] * bool(share))
 
 
 def _legend(slices: list[Slice], read: Reading) -> list[Any]:
@@ -242,8 +249,9 @@ def _legend(slices: list[Slice], read: Reading) -> list[Any]:
     }
     entries: list[Any] = []
     if any(any(move_of(action)[:2]) for action in on):
-        speeds = [f"{number}: {speed:g} m/s" for number, speed in enumerate(_speeds(read), 1)]
-        label = ", ".join(["move", *speeds])
+        label = ", ".join(
+            ["move", *(f"{number}: {_said(s)}" for s, number in _variants(read).items())]
+        )
         entries.append(Line2D([], [], color=INK, marker=">", ms=5, lw=1.1, label=label))
     entries += [
         Line2D([], [], color=INK, marker=symbol, ls="", ms=5.5, mew=0, label=word)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from desim_uav.model.rules import GROUNDED, US, Action, AtSpeed, Mode, Phase
+from desim_uav.model.rules import GROUNDED, US, Action, Mode, Phase, Variant
 from desim_uav.records import EPISODES
 from desim_uav.report.batteries import battery_curve, charges_before
 from desim_uav.report.links import full_service_s, links_content, mean_rate_bps
@@ -50,8 +50,8 @@ class Encoder:
         self.users = len(run.map["users"])
         self.services = list(self.scenario.services)
         self.step_us = round(self.scenario.episode.step_s * US)
-        at_speeds = [each for each in run.world.actions if isinstance(each, AtSpeed)]
-        self.actions = [action.name.lower() for action in (*Action, *at_speeds)]
+        variants = [each for each in run.world.actions if isinstance(each, Variant)]
+        self.actions = [action.name.lower() for action in (*Action, *variants)]
         self.types = [run.world.type_of(drone) for drone in range(self.drones)]
         self.check = Checks(run)
         self.flights = Flights(self.check)

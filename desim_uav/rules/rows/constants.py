@@ -121,11 +121,13 @@ class Constants(Row):
     are not always those of rings. For ``trigger_us`` and ``margin_db`` see ``rules.association``.
     ``known`` holds changes of users who stand still (``rules.standing``). Drones are too near to
     each other below a distance of ``separation_m`` (0: they have not to keep any); one
-    ``gives_way`` to those with lower indices. ``features`` is the number of features that a learner
-    observes, and ``gamma`` its discount of a step. If drones fly freely, ``spaces`` has an entry
-    for each type; only those of free ones are used. ``scene`` is for the kernels of the sky. The
-    fields from ``foresee`` on are functions, or in compiled code their addresses; ``reward_values``
-    and the like are the addresses of the components' fields.
+    ``gives_way`` to those with lower indices. Commands choose shares of tasks that are
+    offloaded from ``least_share`` to ``most_share``, both 1 without a choice. ``features`` is
+    the number of features that a learner observes, and ``gamma`` its discount of a step. If
+    drones fly freely, ``spaces`` has an entry for each type; only those of free ones are used.
+    ``scene`` is for the kernels of the sky. The fields from ``foresee`` on are functions, or in
+    compiled code their addresses; ``reward_values`` and the like are the addresses of the
+    components' fields.
     """
 
     steps: int
@@ -144,6 +146,8 @@ class Constants(Row):
     margin_db: float
     separation_m: float
     gives_way: int
+    least_share: float
+    most_share: float
     nx: int
     ny: int
     levels: int

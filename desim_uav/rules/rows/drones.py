@@ -40,7 +40,8 @@ class Course(Row):
     ``aim_x`` to ``aim_z`` are the command of free flight, from -1 to 1, and the drone asks for a
     charge if ``aim_charge`` is above 0. ``aim_cruise`` chooses a cruise speed, from the lowest at
     -1 to the highest at 1; the leg is flown at a ground speed of at most ``limit_mps``, which is
-    infinite if no speed was chosen. ``blocked`` says that an obstacle cuts the leg short.
+    infinite if no speed was chosen. ``aim_share`` chooses in the same way the ``share`` of tasks
+    that is offloaded until the next command. ``blocked`` says that an obstacle cuts the leg short.
     On a return, the next place is ``node`` of the ways at the altitude ``level``, which lead to
     ``station``; the last node is followed by -1. ``home`` is the return from where the drone was at
     the latest decision epoch (station -1: there is none): ``first`` is its first node, and ``end``
@@ -54,10 +55,12 @@ class Course(Row):
     y1_m: float
     z1_m: float
     limit_mps: float
+    share: float
     aim_x: float
     aim_y: float
     aim_z: float
     aim_cruise: float
+    aim_share: float
     aim_charge: float
     blocked: int
     station: int
@@ -168,6 +171,7 @@ class BegunCourse(Row):
     station: Int32
     node: Int32
     level: Int32
+    share: float
 
 
 @row

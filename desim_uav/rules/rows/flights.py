@@ -23,13 +23,17 @@ class Place(Row):
 
 @row
 class Move(Row):
-    """An action: the cells and levels by which it moves a drone, and the number of its transit."""
+    """An action: the cells and levels by which it moves a drone, and the number of its transit.
+
+    ``share`` is that of tasks which it offloads, the highest one for an action that chooses none.
+    """
 
     action: int
     dx: int
     dy: int
     dlevel: int
     transit: int
+    share: float
 
 
 @row

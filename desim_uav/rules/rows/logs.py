@@ -10,7 +10,7 @@ class Record(Row):
     """The log's record of a drone at the end of a step; ``return_drain`` is n_B (NEVER: no way).
 
     ``used`` is what it has drained of its battery since the episode began. ``aim_x`` to
-    ``aim_cruise`` are the command of a free flight.
+    ``aim_share`` are the command of a free flight.
     """
 
     step: int
@@ -33,6 +33,7 @@ class Record(Row):
     aim_y: float
     aim_z: float
     aim_cruise: float
+    aim_share: float
 
 
 @row
