@@ -15,6 +15,7 @@ from desim_uav.copies import Unchanging
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
 from desim_uav.links import Links, links_of
+from desim_uav.model.backhaul import Backhaul
 from desim_uav.model.catalogue import Catalogue
 from desim_uav.model.demand.requests import Requests, joined_episodes
 from desim_uav.model.energy.charging import Charging
@@ -315,6 +316,12 @@ class World(Unchanging):
         """The processors of each type of drones, and then those of each access point."""
         types = [own.drones.processor for own in self.types]
         return (*types, *(point.processor for point in self.scenario.access_points))
+
+    @property
+    def backhauls(self) -> tuple[Backhaul | None, ...]:
+        """The backhauls of each type of drones, and then those of each access point."""
+        types = [own.drones.backhaul for own in self.types]
+        return (*types, *(point.backhaul for point in self.scenario.access_points))
 
     @cached_property
     def links(self) -> tuple[Links, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.courses import space_row
 from desim_uav.links import Links
+from desim_uav.model.backhaul import UNLIMITED_BPS, Backhaul
 from desim_uav.model.catalogue import StageRow
 from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
@@ -125,7 +126,7 @@ def _set_links(constants: Constants, world: World) -> None:
     points = scenario.access_points
     constants.sharers = scenario.drone_count + sum(point.counts_in_reward for point in points)
     constants.points = Table(fill(PointRow, (*point.at_m, point.height_m)) for point in points)
-    constants.radios = Table(map(_radio, world.links))
+    constants.radios = Table(map(_radio, world.links, world.backhauls))
     if world.services.has_tasks:
         in_joules = [own.in_joules for own in world.types] + [False] * len(points)
         constants.processors = Table(map(_processor, world.processors, in_joules))
@@ -137,10 +138,11 @@ def _set_links(constants: Constants, world: World) -> None:
     constants.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)
 
 
-def _radio(links: Links) -> RadioRow:
-    """Return a radio as a row, without its functions."""
+def _radio(links: Links, backhaul: Backhaul | None) -> RadioRow:
+    """Return a radio, and the backhaul behind it, as a row, without its functions."""
     row, radio = blank(RadioRow), links.radio
     row.bandwidth_hz = whole_hz(links.bandwidth_hz)
+    row.backhaul_bps = UNLIMITED_BPS if backhaul is None else backhaul.capacity_bps
     row.classes = len(links.efficiencies) - 1
     row.flat = int(radio.flat)
     row.efficiencies = Table(links.efficiencies)

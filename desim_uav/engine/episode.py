@@ -129,7 +129,10 @@ class Engine(CarryOver):
         if faults & OVERBOOKED:
             rules = {type(drones.admission).__name__ for drones in scenario.fleet}
             name = "' or '".join(sorted(rules))
-            raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
+            limits = "bandwidth"
+            if any(backhaul is not None for backhaul in self.world.backhauls):
+                limits = "bandwidth, or more than its backhaul"
+            raise SimulationError(f"admission {name!r} served more than a drone's {limits}")
 
     def terms(self) -> tuple[dict[str, float], ...]:
         """Return the terms of the drones' rewards, by name."""

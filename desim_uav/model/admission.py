@@ -58,8 +58,9 @@ class RowAdmission:
         """Serve or refuse requests of the users in ``drone.waiting``, or let them wait.
 
         They are in order of (request time, user), and ``state.users[u].request`` is the request of
-        user u. ``rules.admission.admit`` serves one, whose bandwidth must fit ``drone.free_hz``
-        unless its radio's is unlimited; ``turn_away`` refuses one for good. Both remove it
+        user u. ``rules.admission.admit`` serves one that ``rules.service.fits``: its bandwidth
+        must fit ``drone.free_hz`` unless its radio's is unlimited, and its rate ``drone.free_bps``,
+        what is left of the backhaul; ``turn_away`` refuses one for good. Both remove it
         from ``drone.waiting``. The others continue to wait.
         """
         raise NotImplementedError

@@ -24,6 +24,7 @@ class RowSharing:
 
         They are in order of (request time, user). ``rules.service.give_share`` gives a user a
         bandwidth in Hz and a rate in bit/s, both 0 for one who has to wait; call it for each. The
-        bandwidths must not exceed ``drone.free_hz`` together.
+        bandwidths must not exceed ``drone.free_hz`` together. If the drone has a backhaul, this is
+        called twice: rates are proposed first, and then given, reduced if their sum is too large.
         """
         raise NotImplementedError

@@ -105,9 +105,10 @@ def alone_us(world: Constants, user: User) -> float:
 def offloaded_us(world: Constants, state: State, user: User) -> float:
     """Return how long a whole task would take if it were offloaded now, in microseconds.
 
-    It is sent at the rate that the user would get if it shared the bandwidth equally with those who
-    share it now, or at that which it holds; then the processor does what is left of the tasks that
-    are there, and this one. It is infinite if the user is attached to no drone, or gets no rate.
+    It is sent at the rate that the user would get if it shared the bandwidth and the backhaul
+    equally with those who share them now, or at that which it holds; then the processor does what
+    is left of the tasks that are there, and this one. It is infinite if the user is attached to no
+    drone, or gets no rate.
     """
     if user.holder < 0:
         return float("inf")
@@ -131,7 +132,9 @@ def link_bps(world: Constants, drone: Drone, user: User, held: int) -> int:
     """Return the rate that a user would get now in bit/s; ``held``: the list of a rate to hold."""
     if held >= 0:
         return user.request.drawn[held]
-    return rate_bps(world, drone, user, drone.free_hz // (len(drone.sharing) + 1))
+    sharers = len(drone.sharing) + 1
+    rate = rate_bps(world, drone, user, drone.free_hz // sharers)
+    return min(rate, drone.free_bps // sharers)
 
 
 @rule

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
+from desim_uav.rules.backhaul import ASKING, is_too_much, reduced
 from desim_uav.rules.credit import credit_service
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, count_outage, end_outage
@@ -70,8 +71,9 @@ def efficiency_of(world: Constants, drone: Drone, user: User) -> int:
 
 @rule
 def fits(world: Constants, state: State, drone: Drone, request: Request) -> bool:
-    """Return whether a drone has what a request that waits needs: bandwidth, if it is limited."""
-    return request.needs_hz <= drone.free_hz or world.radios[drone.radio].bandwidth_hz < 0
+    """Return whether a drone has what a request that waits needs: bandwidth, and backhaul."""
+    in_band = request.needs_hz <= drone.free_hz or world.radios[drone.radio].bandwidth_hz < 0
+    return in_band and request.bandwidth_bps <= drone.free_bps
 
 
 @rule
@@ -80,6 +82,7 @@ def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) 
     request = user.request
     request.queued = 0
     drone.free_hz -= request.needs_hz
+    drone.free_bps -= request.bandwidth_bps
     request.used_hz = request.needs_hz
     _begin(world, state, drone, user, phase)
 
@@ -90,9 +93,18 @@ def give_share(
 ) -> None:
     """Serve a user's request that shares bandwidth with a rate, or not at all if the rate is 0.
 
-    ``bandwidth_hz`` is the part of the drone's bandwidth that it occupies.
+    ``bandwidth_hz`` is the part of the drone's bandwidth that it occupies. Both are less if the
+    drone's backhaul cannot carry the sum of what is given (see ``rules.backhaul``).
     """
-    give_rate(world, state, state.senders[user.holder], user, bandwidth_hz, bps, phase)
+    drone = state.senders[user.holder]
+    if drone.left_bps == ASKING:
+        drone.proposed_bps += bps
+        return
+    if is_too_much(drone):
+        bandwidth_hz = reduced(drone, bandwidth_hz)
+        bps = min(reduced(drone, bps), drone.left_bps)  # a division may round up
+        drone.left_bps -= bps
+    give_rate(world, state, drone, user, bandwidth_hz, bps, phase)
 
 
 @rule
@@ -191,6 +203,7 @@ def stop(state: State, user: User, phase: int) -> None:
     drone.used_hz -= request.used_hz
     if not request.queued:
         drone.free_hz += request.used_hz
+        drone.free_bps += request.bandwidth_bps
     drone.served[request.service] -= 1
     note(state, phase, words.ON_STOP, drone.index, user.index, request.number, -1)
 
@@ -217,8 +230,11 @@ def regrade(world: Constants, state: State, drone: Drone, user: User) -> None:
 
 @apart
 def suspend(world: Constants, state: State, drone: Drone, phase: int) -> None:
-    """Let the requests that a drone admitted last wait until the others fit into its bandwidth."""
-    while drone.free_hz < 0 <= world.radios[drone.radio].bandwidth_hz:
+    """Let the requests that a drone admitted last wait until the others fit.
+
+    They have to fit into its bandwidth and its backhaul.
+    """
+    while drone.free_hz < 0 <= world.radios[drone.radio].bandwidth_hz or drone.free_bps < 0:
         last = _admitted_last(state, drone)
         stop(state, last, phase)
         wait(world, state, drone, last)

@@ -6,6 +6,7 @@ from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules.association import settle_levels
 from desim_uav.rules.attachment import attach, entered_first
+from desim_uav.rules.backhaul import divide
 from desim_uav.rules.battery import type_of
 from desim_uav.rules.classes import retune
 from desim_uav.rules.due import due, key, nothing_before, settle_slot
@@ -77,14 +78,13 @@ def _settle_all(
     while state.to_scan > 0:
         drone = state.senders[d]
         if drone.scan:
-            if state.keeps_links and drone.free_hz < 0:
+            if (state.keeps_links and drone.free_hz < 0) or drone.free_bps < 0:
                 suspend(world, state, drone, attachment)
             drone.scan = 0
             state.to_scan -= 1
             call(type_of(world, drone).scan, (world, path, state, drone, admission))
             if len(drone.sharing) > 0:
-                divide = world.radios[drone.radio].divide
-                call(divide, (world, state, drone, admission))
+                divide(world, state, drone, admission)
             if drone.computes and len(drone.computing) > 0:
                 process = world.processors[drone.radio].process
                 call(process, (world, state, drone, admission))

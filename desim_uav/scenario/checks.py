@@ -28,6 +28,7 @@ from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.service_checks import (
+    backhauls_can_be_shared,
     processors_draw_from_energy,
     stages_can_be_served,
     tasks_find_processors,
@@ -333,6 +334,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     times_are_whole_microseconds,
     stages_can_be_served,
     tasks_find_processors,
+    backhauls_can_be_shared,
     users_can_compute,
     processors_draw_from_energy,
     components_fit_the_scenario,

@@ -169,11 +169,14 @@ def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
             continue
         names = [name for name in largest if not isinstance(mix, Mapping) or mix.get(name, 0.0) > 0]
         asked |= {f"services.{name}": largest[name] for name in names}
+    keys = (
+        " (its bandwidth and its backhaul)" if any(one.backhaul for one in scenario.fleet) else ""
+    )
     for key, bps in asked.items():
         if bps > most_bps:
             yield (
                 f"{key}: requests for {bps / 1000:g} kbit/s are never served, because no drone has "
-                f"more than {most_bps / 1000:g} kbit/s"
+                f"more than {most_bps / 1000:g} kbit/s{keys}"
             )
 
 

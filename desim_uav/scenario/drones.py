@@ -12,6 +12,7 @@ from pydantic import (
 )
 
 from desim_uav.model.admission import Admission
+from desim_uav.model.backhaul import Backhaul
 from desim_uav.model.energy.battery import Endurance, Energy
 from desim_uav.model.motion.motion import BangCoastBang, Motion
 from desim_uav.model.radio.radio import Disc, Radio
@@ -21,7 +22,7 @@ from desim_uav.scenario.fields import Index, Metres, Name
 from desim_uav.scenario.named import named_items
 from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.section import Section
-from desim_uav.scenario.slots import ADMISSION, BATTERY, MOTION, RADIO
+from desim_uav.scenario.slots import ADMISSION, BACKHAUL, BATTERY, MOTION, RADIO
 from desim_uav.scenario.yaml12 import KeyPath
 
 MOST_DRONES, MOST_TYPES = 10_000, 100
@@ -31,7 +32,7 @@ MOST_DRONES, MOST_TYPES = 10_000, 100
 class Drones(Section):
     """The drones: how many, what they cover and carry, how they fly."""
 
-    later: ClassVar = ("processor",)
+    later: ClassVar = ("processor", "backhaul")
 
     count: Annotated[int, Field(ge=1, le=MOST_DRONES)] = 3
     """The number of drones."""
@@ -53,6 +54,8 @@ class Drones(Section):
     """Which of the waiting requests a drone serves."""
     processor: Processor | None = None
     """What computes tasks on board; null means nothing does."""
+    backhaul: Annotated[Backhaul, BACKHAUL] | None = None
+    """What connects each drone to the ground; null means that it limits no rate."""
 
     @model_validator(mode="after")
     def _radio_decides(self) -> Drones:

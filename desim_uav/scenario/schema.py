@@ -13,6 +13,7 @@ from pydantic import (
 
 from desim_uav.errors import ScenarioError
 from desim_uav.model.association import Association, EnteredFirst
+from desim_uav.model.backhaul import Backhaul
 from desim_uav.model.decisions import ByClock, Decisions
 from desim_uav.model.demand.demand import Demand, Dynamic
 from desim_uav.model.energy.charging import Charging, Constant
@@ -43,6 +44,7 @@ from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.section import Fraction, Section
 from desim_uav.scenario.slots import (
     ASSOCIATION,
+    BACKHAUL,
     CHARGING,
     DECISIONS,
     DEMAND,
@@ -109,7 +111,7 @@ class EpisodeKeys(Section):
 class AccessPoint(Section):
     """A mast on the ground that serves users as a drone does, at one place and for ever."""
 
-    later: ClassVar = ("processor",)
+    later: ClassVar = ("processor", "backhaul")
 
     at_m: Point
     """Where it stands: [x, y], in metres."""
@@ -123,6 +125,8 @@ class AccessPoint(Section):
     """Whether it counts as one more drone where rewards divide the users among the drones."""
     processor: Processor | None = None
     """What computes tasks at it; null means nothing does."""
+    backhaul: Annotated[Backhaul, BACKHAUL] | None = None
+    """What connects it to the network; null means that it limits no rate."""
 
 
 class Scenario(Section):
@@ -370,17 +374,18 @@ class Scenario(Section):
 
         It is unknown if bandwidth is unlimited, and for radio or sharing of one's own.
         """
-        radios: list[tuple[Any, float | None]] = [
-            (drones.radio, drones.bandwidth_kbps) for drones in self.fleet
+        radios: list[tuple[Any, float | None, Backhaul | None]] = [
+            (drones.radio, drones.bandwidth_kbps, drones.backhaul) for drones in self.fleet
         ]
-        radios += [(point.radio, None) for point in self.access_points]
+        radios += [(point.radio, None, point.backhaul) for point in self.access_points]
         most = 0.0
-        for radio, kbps in radios:
+        for radio, kbps, backhaul in radios:
             if not all(
                 type(one).__module__.startswith("desim_uav.") for one in (radio, radio.sharing)
             ):
                 return 0
-            most = max(most, radio.bandwidth_hz(kbps) * max(radio.efficiencies()) / 1e6)
+            rate = radio.bandwidth_hz(kbps) * max(radio.efficiencies()) / 1e6
+            most = max(most, rate if backhaul is None else min(rate, backhaul.capacity_bps))
         return 0 if math.isinf(most) else math.ceil(most)
 
     @property

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.model.admission import RowAdmission
 from desim_uav.model.energy.battery import in_joules
 from desim_uav.model.services import (
     LARGEST_UBIT,
@@ -21,6 +22,7 @@ from desim_uav.model.services import (
     rates_bps,
 )
 from desim_uav.registry import kind_name
+from desim_uav.rowcode.components import works_on_rows
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.schema import Scenario
@@ -85,6 +87,29 @@ def tasks_find_processors(scenario: Scenario) -> Iterator[Finding]:
                 f"must be at least {least:g}, so that {scenario.user_count} users can share it"
             )
             yield Finding((*key, "processor", "ghz"), message, (("users",),))
+
+
+def backhauls_can_be_shared(scenario: Scenario) -> Iterator[Finding]:
+    """Backhauls whose shares would be rounded down to none, or of which admission knows nothing."""
+    senders: list[tuple[KeyPath, Any]] = list(zip(scenario.fleet_keys, scenario.fleet, strict=True))
+    senders += [(("access_points", k), one) for k, one in enumerate(scenario.access_points)]
+    for key, sender in senders:
+        if sender.backhaul is None:
+            continue
+        if sender.backhaul.capacity_bps < scenario.user_count:
+            least = scenario.user_count / 1000
+            message = (
+                f"must be at least {least:g}, so that {scenario.user_count} users can share it"
+            )
+            yield Finding((*key, "backhaul", "kbps"), message, (("users",),))
+        admission = getattr(sender, "admission", scenario.fleet[0].admission)
+        if not works_on_rows(admission, RowAdmission):
+            yield Finding(
+                (*key, "backhaul"),
+                f"is for admission rules over rows (scan_rows); {kind_name(admission)} is told "
+                "the free bandwidth only",
+                ((*key, "admission"), (*scenario.fleet_keys[0], "admission")),
+            )
 
 
 def users_can_compute(scenario: Scenario) -> Iterator[Finding]:

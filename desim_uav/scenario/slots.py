@@ -7,6 +7,7 @@ import desim_uav.rules
 from desim_uav import registry
 from desim_uav.model.admission import Admission
 from desim_uav.model.association import Association
+from desim_uav.model.backhaul import Backhaul
 from desim_uav.model.decisions import Decisions
 from desim_uav.model.demand.demand import Demand
 from desim_uav.model.energy.battery import Energy
@@ -38,4 +39,5 @@ ASSOCIATION = Slot("association", "entered_first", Association, by_name=True)
 DECISIONS = Slot("decisions", "clock", Decisions, by_name=True)
 OFFLOADING = Slot("offloading", "always", RowOffloading, by_name=True)
 PROCESSING = Slot("processing", "first_come", RowProcessing, by_name=True)
+BACKHAUL = Slot("backhaul", "capacity", Backhaul)
 SERVICE = Slot("service", "uniform_choice", Service)

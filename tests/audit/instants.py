@@ -136,7 +136,10 @@ def _admission(simulation: Simulation, record: InstantRecord) -> None:
             request = users[user].request
             later = [one for one in new if not one.queued and _place(one) > _place(request)]
             later_hz = sum(one.used_hz for one in later)
-            waits = later_hz == 0 or request.needs_hz > drone.free_hz + later_hz
+            later_bps = sum(one.bandwidth_bps for one in later)
+            too_wide = request.needs_hz > drone.free_hz + later_hz
+            too_fast = request.bandwidth_bps > drone.free_bps + later_bps
+            waits = later_hz == 0 or too_wide or too_fast
             assert waits, f"user {user} waits behind those who asked later at drone {number}"
 
 

@@ -92,12 +92,27 @@ def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
         assert drone.free_hz == bandwidth_hz - held_hz, f"bandwidth of {drone.index}"
         assert drone.scan or drone.free_hz >= 0, f"bandwidth of {drone.index}"
         assert drone.scan or used_hz <= bandwidth_hz, f"shares of {drone.index}"
+    _backhaul(world, drone, served)
     assert [sum(r.service == s for r in served) for s in range(world.services)] == drone.served
     if drone.mode != FLYING:
         linked = [request for request in served if request.line != COMPUTING]
         assert not linked, f"drone {drone.index} serves in mode {drone.mode}"
         assert drone.attached_users == 0, f"drone {drone.index} holds users in mode {drone.mode}"
         assert not drone.waiting and not drone.sharing
+
+
+def _backhaul(world: Constants, drone: Drone, served: Sequence[Request]) -> None:
+    """Check that what is served fits the backhaul, of which no more is left than division needs."""
+    capacity_bps = world.radios[drone.radio].backhaul_bps
+    held_bps = sum(request.bandwidth_bps for request in served if not request.queued)
+    shared = [request.rate for request in served if request.queued and request.line == SHARING]
+    assert drone.free_bps == capacity_bps - held_bps, f"backhaul of {drone.index}"
+    if drone.scan:
+        return
+    assert held_bps + sum(shared) <= capacity_bps, f"backhaul of {drone.index}"
+    if drone.sharing and drone.proposed_bps > drone.free_bps:
+        left_bps = capacity_bps - held_bps - sum(shared)
+        assert left_bps <= len(drone.sharing), f"backhaul of {drone.index}: {left_bps} bit/s left"
 
 
 def _demand(state: Any) -> None:

@@ -43,6 +43,10 @@ def scenario(seed: int) -> dict[str, Any]:
     made["demand"] |= {"mix": mix}
     if made["reward"]["kind"] == "multi_service":
         made["reward"]["services"] = dict.fromkeys(mix, 0.3)
+    for each in senders:
+        admission = each.get("admission", made["drones"][0]["admission"])["kind"]
+        if dice.of(True, False) and "Loss" not in admission:
+            each["backhaul"] = {"kind": "capacity", "kbps": dice.of(80, 350.5, 1000, 6000)}
     return made
 
 

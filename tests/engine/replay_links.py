@@ -7,9 +7,11 @@ request occupies, the rates of those that share the rest, what is delivered, and
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from itertools import groupby
 from operator import itemgetter
 from typing import Any
@@ -27,18 +29,21 @@ PING_PONG_US = 1_000_000
 
 @dataclass(frozen=True)
 class Band:
-    """The bandwidth of a drone or an access point, and how it is shared."""
+    """The bandwidth of a drone or an access point, how it is shared, and the backhaul behind it."""
 
     hz: float
     efficiencies: Sequence[int]
     sharing: str
+    backhaul_bps: float
 
     @classmethod
-    def of(cls, radio: Any, disc_kbps: float | None) -> Band:
+    def of(cls, radio: Any, disc_kbps: float | None, backhaul: Any) -> Band:
         """The band of a radio; ``disc_kbps`` is the bandwidth of a disc."""
         name = type(radio.sharing).__name__
         kind = "".join("_" * (c.isupper() and k > 0) + c.lower() for k, c in enumerate(name))
-        return cls(radio.bandwidth_hz(disc_kbps), (0, *radio.efficiencies()), kind)
+        capacity_bps = math.inf if backhaul is None else backhaul.capacity_bps
+        efficiencies = (0, *radio.efficiencies())
+        return cls(radio.bandwidth_hz(disc_kbps), efficiencies, kind, capacity_bps)
 
 
 @dataclass
@@ -86,11 +91,11 @@ class LinkReplay:
     def __init__(self, world: World, log: EpisodeLog, path: SamplePath | None) -> None:
         points = world.scenario.access_points
         self.bands = [
-            Band.of(drones.radio, drones.bandwidth_kbps)
+            Band.of(drones.radio, drones.bandwidth_kbps, drones.backhaul)
             for drones in world.scenario.fleet
             for _ in range(drones.count)
         ]
-        self.bands += [Band.of(point.radio, None) for point in points]
+        self.bands += [Band.of(point.radio, None, point.backhaul) for point in points]
         self.users = [Link() for _ in world.homes]
         parts = parts_of(world, log, path)
         self.work = [Work(*each) for each in zip(log.requests, parts, strict=True)]
@@ -206,27 +211,33 @@ class LinkReplay:
         """Compute what each served request occupies, and the rates at which it is served."""
         for d, band in enumerate(self.bands):
             held, elastic = self._at(d)
-            free_hz = band.hz
+            free_hz, free_bps = band.hz, band.backhaul_bps
             for user, work in held:
                 if work.server == d:
                     work.hz = self._needed_hz(d, user, work)
                     work.rate = 1 if work.part.timed else work.part.bps
                     free_hz -= work.hz
+                    free_bps -= work.part.bps
             assert free_hz >= 0, f"drone {d} holds more than its bandwidth at {t_us}"
+            assert free_bps >= 0, f"drone {d} holds more than its backhaul at {t_us}"
             elastic.sort(key=lambda pair: (pair[1].logged.t_request_us, pair[1].logged.user))
             efficiencies = [band.efficiencies[user.classes[d]] for user, _ in elastic]
             if not elastic:
                 continue
             rates = whole(band.sharing, int(free_hz), efficiencies)
+            part = Fraction(1)
+            if sum(rates) > free_bps:
+                part = Fraction(int(free_bps), sum(rates))
             for (_, work), rate, efficiency in zip(elastic, rates, efficiencies, strict=True):
-                assert (work.server == d) == (rate > 0), f"a rate of {rate} bit/s at {t_us}"
-                work.rate = rate
-                work.hz = {
+                work.rate = int(rate * part)
+                assert (work.server == d) == (work.rate > 0), f"{work.rate} bit/s at {t_us}"
+                proposed_hz = {
                     "equal": int(free_hz) // len(rates),
                     "proportional_fair": int(free_hz) // len(rates),
                     "max_min": hz_for(rate, efficiency),
                     "max_rate": int(free_hz),
                 }[band.sharing]
+                work.hz = int(proposed_hz * part)
 
     def _at(self, d: int) -> tuple[list[tuple[Link, Work]], list[tuple[Link, Work]]]:
         """The open requests of those attached to a drone, held and elastic ones."""
@@ -250,8 +261,11 @@ class LinkReplay:
         for d, band in enumerate(self.bands):
             held, _ = self._at(d)
             free_hz = band.hz - sum(work.hz for _, work in held if work.server == d)
+            held_bps = sum(work.part.bps for _, work in held if work.server == d)
             for user, work in held:
-                assert work.server == d or self._needed_hz(d, user, work) > free_hz, "it would fit"
+                in_band = self._needed_hz(d, user, work) <= free_hz
+                fits = in_band and work.part.bps <= band.backhaul_bps - held_bps
+                assert work.server == d or not fits, "it would fit"
             admitted = {
                 (before[request][1], work.logged.t_request_us, work.logged.user): request in stopped
                 for request, work in ((user.request, work) for user, work in held)

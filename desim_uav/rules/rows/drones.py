@@ -90,10 +90,12 @@ class Drone(Row):
     ``landed_in`` is the phase in which it landed, ``taken`` the action on its ``command``.
     ``waiting`` is its queue: the users whose requests wait, by (request time, user). ``sharing``
     holds the users whose elastic requests share what requests for a fixed rate leave of the
-    bandwidth (``free_hz``), in the same order. ``computing`` holds those whose tasks are at its
-    processor, which ``computes`` unless it stands still (see ``rules.processing``). It draws
-    ``power_uw`` from the battery since ``drawn_us``, until when it was counted but for ``rest_pj``
-    (see ``rules.battery``); the depletion of the battery is foreseen for ``span_us`` of the leg.
+    bandwidth (``free_hz``) and of the backhaul (``free_bps``), in the same order. They were given
+    ``proposed_bps`` together, of which ``left_bps`` are left (see ``rules.backhaul``).
+    ``computing`` holds those whose tasks are at its processor, which ``computes`` unless it stands
+    still (see ``rules.processing``). It draws ``power_uw`` from the battery since ``drawn_us``,
+    until when it was counted but for ``rest_pj`` (see ``rules.battery``); the depletion of the
+    battery is foreseen for ``span_us`` of the leg.
     ``ahead`` holds the changes of class to come, the next one last. ``served`` counts the requests
     that it serves, and ``asking`` the open ones in its footprint, by service. The marks of its
     links (``model.radio.marks``) are known from ``marked_us`` until ``marked_until_us``, or not at
@@ -134,6 +136,9 @@ class Drone(Row):
     serving: int
     free_hz: int
     used_hz: int
+    free_bps: int
+    proposed_bps: int
+    left_bps: int
     attached_users: int
     scan: int
     command: int
