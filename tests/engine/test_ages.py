@@ -118,7 +118,7 @@ def test_the_audit_knows_which_updates_a_buffer_keeps() -> None:
     for keys, what in (
         ({"buffer": 1}, "more than 1 updates"),
         ({"buffer": 3}, "dropped with room left"),
-        ({"keeps": "oldest"}, "dropped with room left"),
+        ({"keeps": "oldest"}, "another one had to go"),
     ):
         with pytest.raises(AssertionError, match=what):
             audit_updates(**tables(), services={"reading": SERVICES["reading"] | keys})
