@@ -56,8 +56,8 @@ def run(
             Python, it may also be the content of one, or a loaded scenario.
         overrides: Set a key of the scenario, as in users.count=60. In a terminal, -S may be
             repeated. In Python, it may also be a mapping, such as ``{"users.count": 60}``.
-        policy: The policy: baseline, random, hover, a trained one (case8.npz), a planner (greedy,
-            rollout:BASE, clairvoyant), commands from a file (script:FILE.csv), a network
+        policy: The policy: baseline, tour, random, hover, a trained one (case8.npz), a planner
+            (greedy, rollout:BASE, clairvoyant), commands from a file (script:FILE.csv), a network
             (sb3:FILE.zip, rllib:DIR), or a class of your own ("package.module:Class"). In Python,
             it may also be a policy object or class, the result of ``train``, or a plain function
             ``f(observation, mask) -> action``.

@@ -66,7 +66,7 @@ class Baseline:
             ahead.clear()
             return list(mask).index(True)
         battery, capacity = observation.battery_s, observation.capacity_s
-        if battery is not None and capacity is not None and battery <= RETURN_AT * capacity:
+        if battery is not None and capacity is not None and self._is_low(observation, capacity):
             home = self._index[Action.GOTO_CHARGING_STATION]
             if mask[home]:
                 ahead.clear()
@@ -74,6 +74,10 @@ class Baseline:
         if not ahead:
             ahead.extend(self._moves.commands(observation.drone, self._fly(observation)))
         return ahead.pop()
+
+    def _is_low(self, observation: Observation, capacity: float) -> bool:
+        """Return whether a drone is to return to charge now, if it may."""
+        return observation.battery_s is not None and observation.battery_s <= RETURN_AT * capacity
 
     def _fly(self, observation: Observation) -> Action:
         """Return the move to the first neighbour to which a way leads, or the climb towards it."""
@@ -94,11 +98,11 @@ class Baseline:
                 after = [self._ring[(here + way) % len(self._ring)] for way in (onward, -onward)]
                 return [(after[0], onward), (after[1], -onward)]
             near = sorted(self._ring, key=lambda c: abs(c[0] - cell[0]) + abs(c[1] - cell[1]))
-            return [(step, onward) for there in near for step in _steps(cell, there)]
+            return [(step, onward) for there in near for step in steps_to(cell, there)]
         axis = 1 if drone % 2 or self._cells[0] == 1 else 0
         line = self._starts[drone][1 - axis]
         joining = (line, cell[1]) if axis == 1 else (cell[0], line)
-        first = [(step, onward) for step in _steps(cell, joining)]
+        first = [(step, onward) for step in steps_to(cell, joining)]
         return [*first, *self._along(cell, axis, onward)]
 
     def _along(self, cell: Cell, axis: int, onward: int) -> list[Way]:
@@ -111,7 +115,7 @@ class Baseline:
         return ways or [(cell, onward)]
 
 
-def _steps(cell: Cell, target: Cell) -> list[Cell]:
+def steps_to(cell: Cell, target: Cell) -> list[Cell]:
     """Return the neighbours that are nearer to ``target``, along x first."""
     moved = [(cell[0] + _sign(target[0] - cell[0]), cell[1])]
     moved.append((cell[0], cell[1] + _sign(target[1] - cell[1])))

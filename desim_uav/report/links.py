@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.energy.battery import WH_UJ
 from desim_uav.model.rules import US
+from desim_uav.scenario.processor import Processor
 from desim_uav.world import World
 
 
@@ -65,7 +66,8 @@ def mean_rate_bps(requests: pd.DataFrame) -> NDArray[np.float64]:
     if "throughput_kbps" not in requests:
         return rates
     mean = requests["delivered_mbit"].to_numpy(float) * 1e6
-    served_s = requests["served_s"].to_numpy(float)
+    name = "sending_s" if "sending_s" in requests else "served_s"
+    served_s = requests[name].to_numpy(float)
     some = ~np.isnan(mean) & (served_s > 0.0)
     rates[some] = mean[some] / served_s[some]
     return rates
@@ -82,6 +84,7 @@ def links_content(world: World) -> dict[str, Any]:
             {
                 "at": [*map(float, point.at_m), float(point.height_m)],
                 "rings_m": _decimetres(point_rings_m(world, number)),
+                "processor": _processor(point.processor),
                 **_ladder(point.radio),
             }
             for number, point in enumerate(points)
@@ -109,8 +112,13 @@ def _type_content(world: World, number: int) -> dict[str, Any]:
         "hover_w": own.drain_per_s / US if own.in_joules else None,
         "bandwidth_hz": None if unlimited else round(links.bandwidth_hz),
         "footprint_m": links.reach_m,
+        "processor": _processor(own.drones.processor),
         "rings": rings,
     }
+
+
+def _processor(processor: Processor | None) -> dict[str, float] | None:
+    return None if processor is None else {"cores": processor.cores, "ghz": processor.ghz}
 
 
 def _ladder(radio: Any) -> dict[str, list[float]]:

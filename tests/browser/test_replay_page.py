@@ -76,6 +76,16 @@ RUNS = {
             "access_points=[]",
         ),
     ),
+    "edge": (
+        RADIO,
+        "random",
+        (
+            "services.file={kind: compute, input_mbit: [1, 9], cycles_per_bit: [800], "
+            "output_mbit: [0.1]}",
+            *("drones.processor={ghz: 0.3}", "users.processor={ghz: 0.3}", "offloading=split"),
+            "access_points=[]",
+        ),
+    ),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
     "mixed": (MIXED, "random", ()),
@@ -89,7 +99,7 @@ RUNS = {
         ),
     ),
 }
-GRADED = ("radio", "far", "staged", "tasks")
+GRADED = ("radio", "far", "staged", "tasks", "edge")
 """The runs with links of several rates."""
 STATES = {state: look.word for state, look in USERS.items()}
 
@@ -1176,3 +1186,39 @@ class TestLinks:
             if told is not None:
                 assert told["text"] == told["text"].replace("_", " ")
                 assert "drone 3" not in told["text"]
+
+
+class TestTasks:
+    def test_queues_and_stages_are_those_of_the_engine(self, page, runs):
+        page.open(page_of(runs / "edge"))
+        stood = computed = 0
+        for episode, shown, engine in moments("edge"):
+            if shown.terminated or shown.truncated:
+                continue
+            drones = page.seek(episode, shown.t_us / US, Phase.RESPAWN)["drones"]
+            for drone, sender in zip(drones, engine.state.senders, strict=False):
+                tasks = [*sender.computing]
+                busy = [u for u in tasks if engine.state.users[u].request.server >= 0]
+                assert drone["processor"]["computing"] == sorted(busy)
+                assert drone["processor"]["waiting"] == sorted({*tasks} - {*busy})
+                stood, computed = stood + len(tasks), computed + len(busy)
+        assert stood > computed > 0
+
+    def test_the_parts_of_a_task_are_those_of_the_table(self, page, runs):
+        page.open(page_of(runs / "edge"))
+        requests = table(runs / "edge", "requests").query("episode == 0 and computing_s > 0")
+        for row in requests.head(5).itertuples():
+            page.seek(0, row.t_end_s)
+            page.run("replay.select({what: 'request', index: arguments[0]})", row.request_id)
+            told = page.run("return document.querySelector('.strip').ariaLabel")
+            assert told.startswith(f"Request {row.request_id}: ")
+            for part in ("waiting", "sending", "computing", "own"):
+                seconds = re.search(rf"{part}(?: part)? (?:(\d+) min ?)?([\d.]+)?", told)
+                whole = 60 * int(seconds[1] or 0) + float(seconds[2] or 0)
+                assert whole == pytest.approx(getattr(row, f"{part}_s"), abs=0.51)
+        page.picture("tasks")
+
+    def test_runs_without_tasks_have_no_strip(self, page, runs):
+        page.open(page_of(runs / "radio"), "#user=3")
+        assert page.run("return document.querySelector('.strip').hidden")
+        assert "processor" not in page.text("legend-parts")

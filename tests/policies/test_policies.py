@@ -535,7 +535,7 @@ def test_numpy_numbers_are_commands():
         (
             "RANDOM",
             "allowed: baseline, clairvoyant, greedy, hover, mlp, random, rllib, rollout, sb3, "
-            "script, table",
+            "script, table, tour",
         ),
         ("", "unknown policy"),
         (f"{HERE}:Deaf", "no method 'act'"),

@@ -48,6 +48,7 @@ def test_a_disc_is_one_ring() -> None:
             "hover_w": None,
             "bandwidth_hz": 5_000_000,
             "footprint_m": 600.0,
+            "processor": None,
             "rings": None,
         }
     ]

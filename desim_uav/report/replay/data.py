@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from desim_uav.model.catalogue import Catalogue
 from desim_uav.model.rules import GROUNDED, US, Action, Mode, Phase, Variant
+from desim_uav.model.services import COMPUTING
 from desim_uav.records import EPISODES
 from desim_uav.report.batteries import battery_curve, charges_before
 from desim_uav.report.links import full_service_s, links_content, mean_rate_bps
@@ -111,6 +113,15 @@ class Encoder:
             "request.required_us": floats(np.minimum(required_us, 1e18)),
             "request.mbit": floats(volumes),
             "request.bandwidth_bps": plain(self._bandwidth_bps(requests)),
+        } | self._deadlines(requests)
+
+    def _deadlines(self, requests: pd.DataFrame) -> dict[str, Column]:
+        """Return the deadlines of requests in µs, -1 for those without one; none without tasks."""
+        if not self.run.world.services.has_tasks:
+            return {}
+        deadlines_s = requests.assign(deadline_s=requests["deadline_s"].fillna(-1 / US))
+        return {
+            "request.deadline_us": delta(self.check.us(deadlines_s, "requests", "deadline_s", -1))
         }
 
     def _bandwidth_bps(self, requests: pd.DataFrame) -> Whole:
@@ -138,6 +149,8 @@ class Encoder:
         columns["other"] = np.full(len(events), -1, np.int64)
         if self.scenario.separation_m is not None:
             columns["other"] = events["other"].fillna(-1).to_numpy(np.int64)
+        if self.run.world.services.several_stages:
+            columns["stage"] = events["stage"].fillna(-1).to_numpy(np.int64)
         limits = {
             "t_us": (NOTHING, duration_us + 1),
             "phase": (NOTHING, max(Phase) + 1),
@@ -147,6 +160,8 @@ class Encoder:
             "request_id": (NAMES_REQUEST, requests),
             "station": (NAMES_STATION, len(self.run.map["stations"])),
         }
+        if "stage" in columns:
+            limits["stage"] = ({"stage"}, max(map(len, self.run.world.services.stages)))
         for name, (kinds, end) in limits.items():
             values = columns[name]
             needed = np.isin(columns["kind"], [KINDS.index(word) for word in sorted(kinds)])
@@ -262,6 +277,7 @@ class Encoder:
             "groups": list(scenario.group_names),
             "group_of": list(scenario.group_numbers) if scenario.group_names else [],
             "services": self.services,
+            "computed": computed_stages(self.run.world.services),
             "step_us": self.step_us,
             "by_event": scenario.decisions.by_event,
             "pads": scenario.stations.pads,
@@ -312,8 +328,19 @@ def fork_in(manifest: dict[str, Any]) -> dict[str, int] | None:
 NOTHING: frozenset[str] = frozenset()
 
 
+def computed_stages(services: Catalogue) -> list[list[int]]:
+    """Return for each stage of each service whether a processor does it; [] if there are no tasks.
+
+    Services are in the order of their names in the scenario.
+    """
+    if not services.has_tasks:
+        return []
+    return [[int(line == COMPUTING) for line, *_ in stages] for stages in services.stages]
+
+
 def _event_columns(events: dict[str, Whole]) -> dict[str, Column]:
-    return {
+    stage = {"stage": plain(events["stage"])} if "stage" in events else {}
+    return stage | {
         "t_us": delta(events["t_us"]),
         "phase": codes(events["phase"]),
         "kind": codes(events["kind"]),

@@ -22,7 +22,18 @@ FORMAT = 3
 """The version of the format of the page's data."""
 
 MODULES = (
-    *("decode", "palette", "episode", "states", "state", "history", "camera", "crowd", "links"),
+    *(
+        "decode",
+        "palette",
+        "episode",
+        "states",
+        "tasks",
+        "state",
+        "history",
+        "camera",
+        "crowd",
+        "links",
+    ),
     *(
         "view2d",
         "view3d",
@@ -41,6 +52,7 @@ MODULES = (
         "timeline",
         "details",
         "tip",
+        "strip",
         "player",
         "panel",
         "layout",

@@ -3,6 +3,7 @@
 import { covering, requestSoFar } from "./history.js";
 import { linkWords, senderName, typeOf } from "./links.js";
 import { clock, kbps, percent, span, userWord, words } from "./palette.js";
+import { hasTasks, partsSoFar, tasksAt } from "./tasks.js";
 import { CHARGING, CRASHED, FLYING, QUEUED, RETURNING, SERVED, WAITING } from "./states.js";
 
 const place = [0, 0, 0];
@@ -74,6 +75,7 @@ function requestRows(run, told) {
     ["first served", told.firstUs === null ? "not yet" : clock(told.firstUs, 1)],
     ["served by", senders(run, told.drones)],
   ];
+  if (told.deadlineUs >= 0) rows.push(["deadline", clock(told.deadlineUs, 1)]);
   if (told.endUs !== null) rows.push(["ended", `${clock(told.endUs, 1)}, ${told.outcome}`]);
   return rows;
 }
@@ -105,13 +107,33 @@ function ofDrone(state, d) {
   rows.push(["attached users", usersOf(state, d)]);
   const served = [];
   for (let u = 0; u < run.users && served.length < 13; u += 1) {
-    if (state.served[u] && state.holder[u] === d) served.push(u);
+    if (state.served[u] && state.holder[u] === d && !state.isAtProcessor(u)) served.push(u);
   }
-  if (served.length) {
-    const list = served.slice(0, 12).join(", ");
-    rows.push(["serves users", served.length > 12 ? `${list} …` : list]);
-  }
+  if (served.length) rows.push([hasTasks(run) ? "link to users" : "serves users", some(served)]);
+  rows.push(...processorRows(state, d));
   return { title: `Drone ${d}`, tag: modeOf(state, d), rows };
+}
+
+const some = (users) => users.slice(0, 12).join(", ") + (users.length > 12 ? " …" : "");
+
+/** The tasks at a processor: which users' are computed, and which wait. */
+function processorRows(state, d) {
+  const { processor } = typeOf(state.run, d);
+  if (!processor || !hasTasks(state.run)) return [];
+  const { computing, waiting } = tasksAt(state, d);
+  const cores = `${processor.cores} core${processor.cores > 1 ? "s" : ""}, ${processor.ghz} GHz`;
+  const rows = [["processor", cores], ["computes for users", some(computing) || "none"]];
+  return [...rows, ["tasks waiting", some(waiting) || "none"]];
+}
+
+/** What has been done so far for the task that is shown of something, or null: its parts and times. */
+export function taskOf(state, { what, index }) {
+  if (!hasTasks(state.run) || (what !== "user" && what !== "request")) return null;
+  const { request } = state.episode;
+  const asked = what === "request" ? [index] : [...state.episode.requestsOfUser(index)];
+  const r = asked.filter((one) => request.tUs[one] <= state.tUs).at(-1);
+  if (r === undefined) return null;
+  return { request: r, parts: partsSoFar(state.episode, r, state.tUs), ...requestSoFar(state, r) };
 }
 
 /** The power that a drone takes now, and the energy of the leg that it flies. */

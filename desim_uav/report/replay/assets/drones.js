@@ -2,6 +2,7 @@
 
 import { clock, droneColour, FONT, inkOn } from "./palette.js";
 import { CRASHED, FLYING, RETURNING } from "./states.js";
+import { drawQueue, tasksAt } from "./tasks.js";
 
 const at = [0, 0, 0];
 const place = [0, 0, 0];
@@ -128,10 +129,18 @@ function drawDrone(scene, d) {
   if (!scene.small) drawFrame(ctx, theme, px, py, 11, 4);
   drawBattery(ctx, theme, scene.batteryOf(d), px, py, r + 3, scene.small ? 1.5 : 3);
   drawBody(ctx, theme, d, px, py, r, state.mode[d] === RETURNING);
+  drawTasks(scene, d, px, py + (scene.small ? 12 : 18));
   if (!scene.small && state.mode[d] === RETURNING) {
     scene.write("returning", px, py - 25, "center", theme.ink);
   }
   return undefined;
+}
+
+/** The queue at the processor of a drone or access point, below it. */
+export function drawTasks(scene, s, x, y) {
+  if (!scene.state.queue[s]) return;
+  const more = drawQueue(scene.ctx, scene.theme, s, scene.run.drones, x, y, tasksAt(scene.state, s));
+  if (more) scene.write(more.text, more.x, more.y, "left", scene.theme.ink);
 }
 
 /** The arms and rotors around a drone's body. */

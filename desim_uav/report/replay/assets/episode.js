@@ -16,6 +16,7 @@ export class Episode {
       requiredUs: columns["request.required_us"],
       mbit: columns["request.mbit"],
       bandwidthBps: columns["request.bandwidth_bps"],
+      deadlineUs: columns["request.deadline_us"] ?? [], // -1 without one
     };
     this.event = {
       count: columns["event.t_us"].length,
@@ -28,6 +29,7 @@ export class Episode {
       station: Int32Array.from(columns["event.station"]),
       linkClass: Int32Array.from(columns["event.link_class"]),
       other: Int32Array.from(columns["event.other"]), // the second drone of an event of two
+      stage: Int32Array.from(columns["event.stage"] ?? []), // the stage that a request begins
     };
     this.leg = legsOf(columns);
     this.walk = {

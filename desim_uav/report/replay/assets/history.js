@@ -9,7 +9,7 @@ export function requestSoFar(state, r) {
     request: r, user: u, service: run.services[request.service[r]],
     askedUs: request.tUs[r], requiredUs: request.requiredUs[r], mbit: request.mbit[r],
     bandwidthBps: request.bandwidthBps[r], servedUs: 0, firstUs: null, endUs: null,
-    outcome: null, drones: [], by: -1, sinceUs: 0,
+    outcome: null, drones: [], by: -1, sinceUs: 0, deadlineUs: request.deadlineUs[r] ?? -1,
   };
   for (const i of episode.eventsOfUser(u)) {
     if (i >= sums.next) break;

@@ -6,6 +6,7 @@ import { drawMast } from "./points.js";
 import { byId, element, setText } from "./rows.js";
 import { ATTACHED, IDLE, SERVED, WAITING } from "./states.js";
 import { drawPad, drawStation } from "./stations.js";
+import { drawQueue, hasTasks, SQUARE } from "./tasks.js";
 import { drawUser, RADII } from "./users.js";
 import { roof } from "./view2d.js";
 import { zoneWords } from "./zones.js";
@@ -75,6 +76,12 @@ export class Legend {
       this.#row(list, `nearer than ${run.separation_m} m to another drone`, (ctx, theme) => {
         drawRing(ctx, theme, X, Y, 8);
         drawBody(ctx, theme, 0, X, Y, 5, false, false);
+      });
+    }
+    if (hasTasks(run)) {
+      this.#row(list, "tasks at its processor; hollow: waiting", (ctx, theme) => {
+        const tasks = { computing: [0], waiting: [1, 2] };
+        drawQueue(ctx, theme, 0, run.drones, X, Y - SQUARE / 2, tasks);
       });
     }
     this.#row(list, "path so far", (ctx) => {

@@ -27,6 +27,7 @@ import { Player, SPEEDS } from "./player.js";
 import { byId, element } from "./rows.js";
 import { scaleOf } from "./scale.js";
 import { Scene } from "./scene.js";
+import { tasksAt } from "./tasks.js";
 import { Timeline } from "./timeline.js";
 import { updateTip } from "./tip.js";
 
@@ -118,7 +119,7 @@ function start() {
       if (scene.selection?.what === "request") scene.selection = null; // asked in the other run only
       scene.reveal(scene.selection);
     });
-    timeline.select(selection?.what === "drone" ? selection.index : -1);
+    timeline.select(scenes[0].selection);
     redraw();
     if (!player.playing) address.write();
   });
@@ -286,6 +287,7 @@ function told(run, player, state) {
         attached_users: state.attachedTo[d],
         served_requests: state.servedBy[d],
         bandwidth_kbps: state.usedBps[d] / 1000,
+        processor: tasksAt(state, d),
       };
     }),
     users: Array.from({ length: run.users }, (_, u) => ({

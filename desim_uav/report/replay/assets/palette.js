@@ -30,7 +30,8 @@ export function readTheme() {
   const of = (name) => style.getPropertyValue(`--${name}`).trim();
   const theme = {};
   for (const name of ["paper", "map", "ink", "muted", "faint", "line", "grid", "accent",
-    "danger", "roof-low", "roof-high", "on-roof"]) theme[name] = of(name);
+    "danger", "roof-low", "roof-high", "on-roof",
+    "task-waiting", "task-sending", "task-computing", "task-own"]) theme[name] = of(name);
   return theme;
 }
 

@@ -1,11 +1,12 @@
 // The text beside the map: clock, measures, drones and the chosen thing; two runs are side by side.
 
-import { allUsers, describe, howMany, modeOf, tell, usersOf } from "./details.js";
+import { allUsers, describe, howMany, modeOf, taskOf, tell, usersOf } from "./details.js";
 import { isCommon } from "./fork.js";
 import { typeOf } from "./links.js";
 import { clock, droneColour, inkOn, inSteps, percent, shortClock } from "./palette.js";
 import { byId, element, fillRows, setText } from "./rows.js";
 import { CRASHED, FLYING, RETURNING } from "./states.js";
+import { Strip } from "./strip.js";
 
 const LETTERS = ["A", "B"];
 const MEASURES = [
@@ -40,6 +41,7 @@ export class Panel {
       byId("chosen").append(rows);
       return rows;
     });
+    this.strips = runs.map((_, k) => new Strip(this.chosen[k]));
   }
 
   #fillHeader() {
@@ -57,6 +59,7 @@ export class Panel {
     const groups = [
       ["every event", []],
       ["requests", ["request", "complete", "refuse", "close", "late"]],
+      ...(run.computed.length ? [["tasks", ["stage", "compute", "computed"]]] : []),
       ["services", ["serve", "stop"]],
       ["attachments", ["attach", "detach"]],
       ["crossings", ["enter", "exit"]],
@@ -173,7 +176,8 @@ export class Panel {
       const place = run.three_d && flies ? `, ${state.episode.dronePlace(d, state.tUs, [0, 0, 0])[2].toFixed(0)} m` : "";
       const type = run.types.length > 1 ? `${typeOf(run, d).name}, ` : "";
       setText(row.mode, type + modeOf(state, d) + place);
-      setText(row.users, state.mode[d] === CRASHED ? "" : usersOf(state, d));
+      const tasks = state.queue[d] ? `; ${state.queue[d]} at its processor` : "";
+      setText(row.users, state.mode[d] === CRASHED ? "" : usersOf(state, d) + tasks);
       const pressed = player.selection?.what === "drone" && player.selection.index === d;
       row.button.setAttribute("aria-pressed", String(pressed));
       const { capacity_us: capacity } = typeOf(run, d);
@@ -192,12 +196,14 @@ export class Panel {
     states.forEach((state, k) => {
       if (!(selection.index < howMany(state, selection.what))) {
         fillRows(this.chosen[k], [["in this run", "there is none"]]);
+        this.strips[k].show(null);
         return;
       }
       const told = describe(state, selection);
       if (k === 0) setText(byId("chosen-title"), told.title);
       if (k === 0) setText(byId("chosen-tag"), states.length > 1 ? "" : told.tag);
       fillRows(this.chosen[k], states.length > 1 ? [["now", told.tag], ...told.rows] : told.rows);
+      this.strips[k].show(taskOf(state, selection), state);
     });
     byId("chosen-tag").hidden = states.length > 1;
   }

@@ -1,5 +1,7 @@
 // Access points on the map: masts with their numbers.
 
+import { drawTasks } from "./drones.js";
+
 const at = [0, 0, 0];
 
 export function drawPoints(scene) {
@@ -16,7 +18,9 @@ export function drawPoints(scene) {
       ctx.stroke();
     }
     drawMast(ctx, theme, px, py, scene.tiny ? 4 : 7);
-    if (!scene.tiny) scene.write(`access point ${k}`, px, py + 17, "center", theme.ink);
+    if (scene.tiny) return;
+    scene.write(`access point ${k}`, px, py + 17, "center", theme.ink);
+    drawTasks(scene, run.drones + k, px, py + 25);
   });
 }
 

@@ -6,6 +6,7 @@
 import {
   ATTACHED, CHARGED, CHARGING, CRASHED, FLYING, IDLE, QUEUED, RETURNING, SERVED, WAITING,
 } from "./states.js";
+import { isComputed } from "./tasks.js";
 
 const COPIES = 200;
 const SAMPLES = 720;
@@ -24,6 +25,9 @@ export class State {
       request: new Int32Array(run.users).fill(-1),
       served: new Uint8Array(run.users),
       computes: new Uint8Array(run.users),
+      stage: new Int16Array(run.users), // of the open request
+      site: new Int16Array(run.users).fill(-1), // the processor that has the user's task, or had it
+      queue: new Int32Array(run.senders), // the tasks at each processor
       mode: new Uint8Array(run.drones),
       station: new Int16Array(run.drones).fill(-1),
       sinceUs: new Float64Array(run.drones),
@@ -91,7 +95,7 @@ export class State {
     this.#integrateTo(event.tUs[i]);
     this.applyKind[event.kind[i]].call(
       this, event.drone[i], event.user[i], event.request[i], event.station[i], event.tUs[i],
-      event.linkClass[i],
+      event.linkClass[i], event.stage[i],
     );
     this.sums.next = i + 1;
   }
@@ -137,6 +141,7 @@ export class State {
       .map((kind) => this.run.kinds.indexOf(kind)));
     this.marks = [];
     this.copies = [];
+    this.queues = Array.from({ length: this.run.senders }, () => ({ tUs: [0], values: [0] }));
     let i = 0;
     for (let s = 0; s <= SAMPLES; s += 1) {
       const t = (s * durationUs) / SAMPLES;
@@ -156,7 +161,12 @@ export class State {
       course.usedBps[s] = this.usedBps.reduce((sum, used) => sum + used, 0);
     }
     if (!this.copies.length) this.copies.push(this.#copy());
-    this.course = course;
+    for (const { tUs, values } of this.queues) {
+      tUs.push(durationUs);
+      values.push(values.at(-1));
+    }
+    this.course = { ...course, queues: this.queues };
+    this.queues = null;
   }
 
   #copy() {
@@ -191,6 +201,7 @@ export class State {
 
   _request(d, u, r) {
     this.request[u] = r;
+    this.stage[u] = 0;
     this.sums.open += 1;
     this.sums.asked += 1;
   }
@@ -216,17 +227,46 @@ export class State {
   }
 
   _serve(d, u, r) {
+    if (this.#computesFor(u) && this.site[u] < 0) this.#stand(u, this.stage[u], d);
     this.served[u] = 1;
     this.servedBy[d] += 1;
-    this.usedBps[d] += this.episode.request.bandwidthBps[r];
+    if (!this.#computesFor(u)) this.usedBps[d] += this.episode.request.bandwidthBps[r];
     if (!this.computes[u]) this.#progress(r, 1);
   }
 
   _stop(d, u, r) {
     this.served[u] = 0;
     this.servedBy[d] -= 1;
-    this.usedBps[d] -= this.episode.request.bandwidthBps[r];
+    if (!this.#computesFor(u)) this.usedBps[d] -= this.episode.request.bandwidthBps[r];
     if (!this.computes[u]) this.#progress(r, -1);
+  }
+
+  /** A request begins a stage: its task arrives at the processor of d, leaves it, or is lost there. */
+  _stage(d, u, r, s, tUs, c, stage) {
+    const arrives = isComputed(this.run, this.episode, r, stage);
+    this.#stand(u, stage, arrives ? d : stage < this.stage[u] ? -1 : this.site[u]);
+  }
+
+  #stand(u, stage, site) {
+    const before = this.site[u];
+    if (this.isAtProcessor(u)) this.queue[before] -= 1;
+    this.stage[u] = stage;
+    this.site[u] = site;
+    if (this.isAtProcessor(u)) this.queue[site] += 1;
+    for (const one of new Set([before, site])) this.#noteQueue(one);
+  }
+
+  /** While an episode is read through: append the length of a queue to its course, as steps. */
+  #noteQueue(s) {
+    if (s < 0 || !this.queues) return;
+    const { tUs, values } = this.queues[s];
+    if (values.at(-1) === this.queue[s]) return;
+    tUs.push(this.sums.atUs, this.sums.atUs);
+    values.push(values.at(-1), this.queue[s]);
+  }
+
+  #computesFor(u) {
+    return isComputed(this.run, this.episode, this.request[u], this.stage[u]);
   }
 
   /** A user computes a part of its task itself, beside what drones do for it. */
@@ -257,6 +297,7 @@ export class State {
   _late(d, u) { this._close(d, u); }
 
   _close(d, u) {
+    this.#stand(u, 0, -1);
     this.request[u] = -1;
     this.sums.open -= 1;
   }
@@ -298,6 +339,11 @@ export class State {
       open: sums.open,
       crashes: sums.crashes,
     };
+  }
+
+  /** Whether the task of a user stands at a processor, which computes it now or later. */
+  isAtProcessor(u) {
+    return this.site[u] >= 0 && this.request[u] >= 0 && this.#computesFor(u);
   }
 
   /** The state of a user: IDLE, ATTACHED, WAITING or SERVED. */

@@ -2,6 +2,7 @@
 
 import { forkUs } from "./fork.js";
 import { typeOf } from "./links.js";
+import { hasTasks, PARTS, partColour, spellsOf } from "./tasks.js";
 import { clock, droneColour, FONT, inSteps, percent, shortClock } from "./palette.js";
 
 const MARKS = 20;
@@ -21,6 +22,7 @@ export class Timeline {
     this.ctx = canvas.getContext("2d");
     this.hoverUs = null;
     this.selected = -1;
+    this.user = -1;
   }
 
   setTheme(theme) {
@@ -32,14 +34,21 @@ export class Timeline {
     this.player = player;
     this.states = player.states;
     this.durationUs = player.durationUs;
-    this.lanes = this.runs.length > 1 ? lanesOfTwo(this.states) : lanesOf(this.runs[0], this.states[0]);
-    this.stale = true;
+    this.measured = this.runs.length > 1 ? lanesOfTwo(this.states) : lanesOf(this.runs[0], this.states[0]);
+    this.#addTasks();
   }
 
-  /** The drone whose battery is highlighted, or -1. */
-  select(d) {
-    if (d === this.selected) return;
-    this.selected = d;
+  /** Highlight the lines of a chosen drone, and show the tasks of a chosen user. */
+  select(chosen) {
+    const [d, u] = ["drone", "user"].map((what) => (chosen?.what === what ? chosen.index : -1));
+    if (d === this.selected && u === this.user) return;
+    [this.selected, this.user] = [d, u];
+    this.#addTasks();
+  }
+
+  #addTasks() {
+    const shows = this.user >= 0 && this.states && hasTasks(this.runs[0]);
+    this.lanes = [...(this.measured ?? []), ...(shows ? taskLanes(this.states, this.user) : [])];
     this.stale = true;
   }
 
@@ -127,6 +136,12 @@ export class Timeline {
       ctx.stroke();
       const toY = (value) => bottom - ((value - lane.low) / (lane.high - lane.low)) * height;
       for (const line of lane.lines) this.#drawLine(ctx, line, toY);
+      for (const { part, fromUs, untilUs } of lane.spells ?? []) {
+        const x = this.#x(fromUs);
+        const own = part === PARTS.at(-1); // beside what is done elsewhere
+        ctx.fillStyle = partColour(theme, part);
+        ctx.fillRect(x, own ? top + 0.7 * height : top + 1, Math.max(1, this.#x(untilUs) - x), (own ? 0.3 : 0.65) * height - 1);
+      }
     });
     this.#drawAxis(ctx);
     this.#drawMarks(ctx);
@@ -382,6 +397,7 @@ function lanesOf(run, state) {
       },
     },
   ];
+  if (hasTasks(run)) lanes.push(queueLane(run, course));
   if (episode.battery) lanes.push(batteryLane(run, episode));
   if (run.types.some((type) => type.hover_w !== null)) lanes.push(powerLane(run, episode));
   return lanes;
@@ -407,6 +423,26 @@ function rewardSteps(run, episode) {
     values.push(episode.rewardSoFar[k - 1], episode.rewardSoFar[k]);
   }
   return { tUs, values };
+}
+
+/** The number of tasks at each processor. */
+function queueLane(run, course) {
+  const lines = course.queues.map((queue, s) => ({
+    ...queue, drone: s, colour: s < run.drones ? droneColour(s) : undefined, faint: run.drones > SLOW_PATHS,
+  })).filter(({ values }) => values.length > 2);
+  const most = lines.flatMap(({ values }) => values).reduce((a, b) => Math.max(a, b), 1);
+  return {
+    low: 0, high: 1.05 * most, lines,
+    labels: (_, at) => [{ text: `queues ${at.queue.reduce((sum, of) => sum + of, 0)}, most ${most}` }],
+  };
+}
+
+/** The tasks of a user, by what is done for them; one lane for each run. */
+function taskLanes(states, u) {
+  return states.map(({ episode }, k) => ({
+    low: 0, high: 1, share: 0.7, lines: [], spells: spellsOf(episode, u),
+    labels: () => [{ text: `${states.length > 1 ? `${LETTERS[k]} ` : ""}user ${u}'s tasks` }],
+  }));
 }
 
 /** The power of drones whose batteries have energy, by what they hold. */
