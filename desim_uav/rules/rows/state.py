@@ -49,10 +49,10 @@ class State(Row):
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
     the time in outages that have ended, and ``links`` are those of its users; else there are none
     (see ``rules.links``). If it ``keeps_tasks``, ``tasks`` are those of its users (see
-    ``rules.tasks``). If drones have to keep a distance,
-    ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
-    ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the least
-    distance in the windows that have ended. At
+    ``rules.tasks``), whose results come over backhauls if it ``relays``. If drones have to keep a
+    distance, ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too
+    near, ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the
+    least distance in the windows that have ended. At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
     ``history`` holds all commands. ``sky`` is for the kernels of the sky. In the compiled engine,
@@ -91,6 +91,7 @@ class State(Row):
     keeps_links: int
     keeps_credit: int
     keeps_tasks: int
+    relays: int
     handed_over: int
     ping_pongs: int
     outages: int
