@@ -116,7 +116,10 @@ def _backhaul(world: Constants, state: State, drone: Drone, served: Sequence[Req
     assert drone.free_bps == capacity_bps - held_bps, f"backhaul of {drone.index}"
     coming = [user for sender in state.senders for user in sender.sharing if sender is not drone]
     coming = [user for user in coming if _site(state, state.users[user]) == drone.index]
-    assert drone.relayed == len(coming), f"results that come from {drone.index}"
+    if any(
+        user.request.number >= 0 for user in state.users
+    ):  # lines are cleared after the last one
+        assert drone.relayed == len(coming), f"results that come from {drone.index}"
     if state.to_scan:
         return
     assert held_bps + sum(shared) <= capacity_bps, f"backhaul of {drone.index}"

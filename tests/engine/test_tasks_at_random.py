@@ -58,8 +58,9 @@ def relayed(log: EpisodeLog) -> int:
 @pytest.mark.thorough
 def test_much_happens_to_tasks() -> None:
     counted: Counter[str] = Counter()
-    for seed in range(2000, 2004):
-        for log in audited(world_of(seed)):
+    worlds = [world_of(seed) for seed in range(2000, 2005)]
+    for world in (*worlds, relaying_world_of(2), relaying_world_of(7)):
+        for log in audited(world):
             counted.update(event[2] for event in log.events or ())
             counted["restarts"] += sum(one.restarts for one in log.requests)
             counted["computed"] += sum(one.computing_us > 0 for one in log.requests)
