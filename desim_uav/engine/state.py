@@ -70,6 +70,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
         state.links = Table(_links(senders) for _ in range(users))
     state.keeps_tasks = int(world.services.has_tasks)
     if state.keeps_tasks:
+        state.relays = int(world.services.computes and any(world.backhauls))
         state.tasks = Table(blank(rows.Task) for _ in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:

@@ -45,7 +45,7 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
             served = user.request.server >= 0
             if served:
                 stop(state, user, phase)
-            leave(drone, user)
+            leave(state, drone, user)
             if served or user.request.line == SHARING:
                 scan_if_used(state, drone)
     state.attached_us += state.now_us - user.held_since_us

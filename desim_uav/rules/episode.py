@@ -95,7 +95,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.respawns = drone.waits = drone.serving = drone.scan = 0
     drone.free_hz = world.radios[drone.radio].bandwidth_hz
     drone.free_bps = world.radios[drone.radio].backhaul_bps
-    drone.proposed_bps = drone.left_bps = 0
+    drone.proposed_bps = drone.left_bps = drone.relayed = 0
     drone.used_hz = drone.attached_users = drone.command = drone.landed_in = drone.marked_us = 0
     drone.marked_until_us = -1
     drone.waiting.clear()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from desim_uav.model.processing import RowProcessing
-from desim_uav.model.services import NOWHERE
+from desim_uav.model.services import NOWHERE, SHARING
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules.note import note_stage
@@ -103,7 +103,8 @@ def lose_tasks(world: Constants, state: State, drone: Drone, phase: int) -> None
         if user.request.number >= 0 and is_here:
             if user.request.server >= 0:
                 stop(state, user, phase)
-            leave(drone, user)
+            at_link = user.request.line <= SHARING and user.holder >= 0
+            leave(state, state.senders[user.holder] if at_link else drone, user)
             begin_anew(world, user.request, task.part)
             task.site = -1
             task.restarts += 1

@@ -12,6 +12,7 @@ from desim_uav.rules.service import (
     close,
     foresee_request,
     open_request,
+    scan_if_used,
     stop,
     wait,
 )
@@ -70,15 +71,15 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
     """Pass a user's request on to its next stage, or complete it, as all of its stage is done."""
     drone = state.senders[user.request.server]
     stop(state, user, words.COMPLETION)
-    leave(drone, user)
+    leave(state, drone, user)
     if state.keeps_tasks:
         power(world, state, drone)
     if next_stage(world, user.request, part_offloaded(state, user)):
         _begin_stage(state, words.COMPLETION, drone.index, user)
         if user.request.line == COMPUTING:
             arrive(world, state, drone, user)
-        elif user.holder == drone.index:
-            wait(world, state, drone, user)
+        elif user.holder >= 0:
+            wait(world, state, state.senders[user.holder], user)
     elif state.keeps_tasks and computes_alone(state, user):
         user.request.line = NOWHERE
     else:
@@ -91,8 +92,10 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
 @rule
 def _divide_anew(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Let a drone divide anew what a request has left, if there are others that might get it."""
-    if len(drone.waiting) > 0 or len(drone.sharing) > 0 or len(drone.computing) > 0:
+    scan_if_used(state, drone)
+    if len(drone.computing) > 0:
         scan_later(state, drone)
+    if state.to_scan > 0:
         settle_after(world, path, state, words.COMPLETION)
 
 
@@ -107,7 +110,7 @@ def on_deadline(world: Constants, path: Path, state: State, user: User) -> None:
     if request.server >= 0:
         stop(state, user, words.COMPLETION)
     if sender >= 0:
-        leave(state.senders[sender], user)
+        leave(state, state.senders[sender], user)
         power(world, state, state.senders[sender])
     close(world, path, state, user, words.COMPLETION, words.ON_LATE)
     if sender >= 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
-from desim_uav.rules.backhaul import ASKING, is_too_much, reduced
+from desim_uav.rules.backhaul import ASKING, is_too_much, part_bps, reduced, relay_of
 from desim_uav.rules.credit import credit_service
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, count_outage, end_outage
@@ -41,7 +41,7 @@ def wait(world: Constants, state: State, drone: Drone, user: User) -> None:
 @rule
 def scan_if_used(state: State, drone: Drone) -> None:
     """Let a drone divide its bandwidth anew if there are requests that might get more of it."""
-    if len(drone.waiting) > 0 or len(drone.sharing) > 0:
+    if len(drone.waiting) > 0 or len(drone.sharing) > 0 or state.relays:
         scan_later(state, drone)
 
 
@@ -73,6 +73,9 @@ def efficiency_of(world: Constants, drone: Drone, user: User) -> int:
 def fits(world: Constants, state: State, drone: Drone, request: Request) -> bool:
     """Return whether a drone has what a request that waits needs: bandwidth, and backhaul."""
     in_band = request.needs_hz <= drone.free_hz or world.radios[drone.radio].bandwidth_hz < 0
+    site = relay_of(state, drone, state.users[request.user])
+    if site >= 0 and request.bandwidth_bps > state.senders[site].free_bps:
+        return False
     return in_band and request.bandwidth_bps <= drone.free_bps
 
 
@@ -82,9 +85,19 @@ def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) 
     request = user.request
     request.queued = 0
     drone.free_hz -= request.needs_hz
-    drone.free_bps -= request.bandwidth_bps
+    _hold_bps(state, drone, user, request.bandwidth_bps)
     request.used_hz = request.needs_hz
     _begin(world, state, drone, user, phase)
+
+
+@rule
+def _hold_bps(state: State, drone: Drone, user: User, bps: int) -> None:
+    """Let a user's request hold so much more of the backhaul of its drone, and of its site."""
+    drone.free_bps -= bps
+    site = relay_of(state, drone, user)
+    if site >= 0:
+        state.senders[site].free_bps -= bps
+        scan_later(state, state.senders[site])
 
 
 @rule
@@ -97,6 +110,9 @@ def give_share(
     drone's backhaul cannot carry the sum of what is given (see ``rules.backhaul``).
     """
     drone = state.senders[user.holder]
+    site = relay_of(state, drone, user)
+    if site >= 0:
+        bps = min(bps, part_bps(state.senders[site]))
     if drone.left_bps == ASKING:
         drone.proposed_bps += bps
         return
@@ -203,7 +219,7 @@ def stop(state: State, user: User, phase: int) -> None:
     drone.used_hz -= request.used_hz
     if not request.queued:
         drone.free_hz += request.used_hz
-        drone.free_bps += request.bandwidth_bps
+        _hold_bps(state, drone, user, -request.bandwidth_bps)
     drone.served[request.service] -= 1
     note(state, phase, words.ON_STOP, drone.index, user.index, request.number, -1)
 

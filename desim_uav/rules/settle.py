@@ -14,6 +14,7 @@ from desim_uav.rules.links import unsettle
 from desim_uav.rules.power import power
 from desim_uav.rules.rows import Constants, Path, State, User
 from desim_uav.rules.service import suspend
+from desim_uav.rules.stages import scan_later
 from desim_uav.rules.words import ATTACHMENT
 
 
@@ -74,6 +75,8 @@ def _settle_all(
             if first >= 0:
                 attach(world, state, state.senders[first], user, attachment)
     loose.clear()
+    if state.relays and state.to_scan > 0:
+        _admit_first(world, path, state, attachment, admission)
     d = 0
     while state.to_scan > 0:
         drone = state.senders[d]
@@ -90,7 +93,25 @@ def _settle_all(
                 call(process, (world, state, drone, admission))
             if state.keeps_tasks:
                 power(world, state, drone)
-        d += 1
+        d = d + 1 if d + 1 < len(state.senders) else 0  # whoever is scanned may free a site
+
+
+@apart
+def _admit_first(
+    world: Constants, path: Path, state: State, attachment: int, admission: int
+) -> None:
+    """Admit held rates at all drones before they share what is left, as results are relayed.
+
+    What a drone holds decides on what is left for others, who therefore divide anew, too.
+    """
+    for d in range(len(state.senders)):
+        drone = state.senders[d]
+        if len(drone.waiting) == 0 and len(drone.sharing) == 0:
+            continue
+        scan_later(state, drone)
+        if (state.keeps_links and drone.free_hz < 0) or drone.free_bps < 0:
+            suspend(world, state, drone, attachment)
+        call(type_of(world, drone).scan, (world, path, state, drone, admission))
 
 
 @apart

@@ -13,6 +13,7 @@ from desim_uav.model.catalogue import drawn_amount
 from desim_uav.model.services import SHARING, WAITING
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.rows import Queue, Table
+from desim_uav.rules.backhaul import relay_of
 from desim_uav.rules.rows import Closed, Constants, Drone, Path, Request, State, User
 
 
@@ -132,21 +133,32 @@ def join(state: State, drone: Drone, user: User) -> None:
     user.request.queued = 1
     if user.request.line == SHARING:
         _insert(state, drone.sharing, user)
+        _count_relayed(state, drone, user, 1)
     else:
         _insert(state, drone.waiting, user)
 
 
 @rule
-def leave(drone: Drone, user: User) -> None:
+def leave(state: State, drone: Drone, user: User) -> None:
     """Remove a user's request from the line of a drone if it stands there."""
     if user.request.queued:
         user.request.queued = 0
         if user.request.line == SHARING:
             drone.sharing.remove(user.index)
+            _count_relayed(state, drone, user, -1)
         elif user.request.line == WAITING:
             drone.waiting.remove(user.index)
         else:
             drone.computing.remove(user.index)
+
+
+@rule
+def _count_relayed(state: State, drone: Drone, user: User, by: int) -> None:
+    """Count a user's result at its site if it comes to a drone from there, or no longer."""
+    site = relay_of(state, drone, user)
+    if site >= 0:
+        state.senders[site].relayed += by
+        scan_later(state, state.senders[site])
 
 
 @rule

@@ -2,8 +2,9 @@
 
 A task, or the part of it that is offloaded, is sent to the drone or access point to which its user
 is attached, its *site*, and computed by the processor there. It stays there if the user is handed
-over, so that its result waits for a link to the site. The other part is computed by the user's own
-processor meanwhile. All of this is only kept if a service of the scenario needs it.
+over. Its result then comes over the backhauls, or waits for a link to the site. The other part is
+computed by the user's own processor meanwhile. All of this is only kept if a service of the
+scenario needs it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from desim_uav.model.services import COMPUTING, NOWHERE
 from desim_uav.rowcode.compiled_rows import call_for_float
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
+from desim_uav.rules.backhaul import reaches
 from desim_uav.rules.due import deadline_slot, due, key, own_slot, undo
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Closed, Constants, Drone, Request, State, User
@@ -147,15 +149,16 @@ def stands_elsewhere(world: Constants, state: State, drone: Drone, user: User) -
     """Return whether a request has no place in the lines of the link to a user's drone.
 
     It stands at a processor, where it arrives now if it has no site yet, or it waits for the link
-    to its site. If what was sent to another drone is lost, its stage begins anew.
+    to its site, if nothing leads from there to the user's drone. If what was sent to another drone
+    is lost, its stage begins anew.
     """
     task, request = state.tasks[user.index], user.request
     if request.line == COMPUTING and task.site < 0:
         arrive(world, state, drone, user)
     if request.line >= COMPUTING:
         return True
-    if task.site >= 0:
-        return task.site != drone.index
+    if task.site >= 0 and not reaches(world, state, drone, task.site):
+        return True
     if world.terms[request.service].restarts and request.last_server != drone.index:
         request.done = request.credited = 0
         user.share = progress_of(state, user, 0)

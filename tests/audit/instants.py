@@ -33,6 +33,7 @@ class InstantRecord:
     in this phase by drone and user. ``handed`` maps
     users to their last handover, as its time and the two drones. Users with an open request are
     ``without`` a link, and were before this instant, by user and request; ``logged`` counts events.
+    At the last event, ``to_scan`` drones had still to divide their bandwidth.
     """
 
     log: EpisodeLog
@@ -48,6 +49,7 @@ class InstantRecord:
     before: frozenset[tuple[int, int]] = frozenset()
     outages: int = 0
     outage_us: int = 0
+    to_scan: int = 0
     logged: Counter[int] = field(default_factory=Counter)
 
 
@@ -62,7 +64,9 @@ def audit_instant(simulation: Simulation) -> None:
     if record is None or record.log is not log or state.now_us < record.now_us:
         record = RECORDS[simulation] = InstantRecord(log, state.now_us == state.step == 0)
     if state.now_us > record.now_us:
+        assert not record.to_scan, "bandwidth was not divided at the end of an instant"
         _elapse(record, state.now_us)
+    record.to_scan = state.to_scan
     over = log.duration_us > 0
     if state.keeps_events:
         _read(simulation, record)
@@ -134,6 +138,8 @@ def _admission(simulation: Simulation, record: InstantRecord) -> None:
         new = [one for one in new if one.server == number and one.started_us == state.now_us]
         for user in drone.waiting:
             request = users[user].request
+            if state.relays and state.tasks[user].site not in (-1, number):
+                continue  # it may wait for the backhaul of another drone
             later = [one for one in new if not one.queued and _place(one) > _place(request)]
             later_hz = sum(one.used_hz for one in later)
             later_bps = sum(one.bandwidth_bps for one in later)

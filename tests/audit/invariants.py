@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.backhaul import UNLIMITED_BPS
 from desim_uav.model.catalogue import drawn_amount
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.services import COMPUTING, SHARING
@@ -92,7 +93,7 @@ def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
         assert drone.free_hz == bandwidth_hz - held_hz, f"bandwidth of {drone.index}"
         assert drone.scan or drone.free_hz >= 0, f"bandwidth of {drone.index}"
         assert drone.scan or used_hz <= bandwidth_hz, f"shares of {drone.index}"
-    _backhaul(world, drone, served)
+    _backhaul(world, state, drone, served)
     assert [sum(r.service == s for r in served) for s in range(world.services)] == drone.served
     if drone.mode != FLYING:
         linked = [request for request in served if request.line != COMPUTING]
@@ -101,18 +102,42 @@ def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
         assert not drone.waiting and not drone.sharing
 
 
-def _backhaul(world: Constants, drone: Drone, served: Sequence[Request]) -> None:
-    """Check that what is served fits the backhaul, of which no more is left than division needs."""
+def _backhaul(world: Constants, state: State, drone: Drone, served: Sequence[Request]) -> None:
+    """Check that what is served fits the backhaul, of which no more is left than division needs.
+
+    Results count that others send to their users over this backhaul.
+    """
     capacity_bps = world.radios[drone.radio].backhaul_bps
-    held_bps = sum(request.bandwidth_bps for request in served if not request.queued)
-    shared = [request.rate for request in served if request.queued and request.line == SHARING]
+    relayed = [user.request for user in state.users if _site(state, user) == drone.index]
+    relayed = [one for one in relayed if one.server not in (-1, drone.index)]
+    over = [*served, *relayed]
+    held_bps = sum(request.bandwidth_bps for request in over if not request.queued)
+    shared = [request.rate for request in over if request.queued and request.line == SHARING]
     assert drone.free_bps == capacity_bps - held_bps, f"backhaul of {drone.index}"
-    if drone.scan:
+    coming = [user for sender in state.senders for user in sender.sharing if sender is not drone]
+    coming = [user for user in coming if _site(state, state.users[user]) == drone.index]
+    if any(
+        user.request.number >= 0 for user in state.users
+    ):  # lines are cleared after the last one
+        assert drone.relayed == len(coming), f"results that come from {drone.index}"
+    if state.to_scan:
         return
     assert held_bps + sum(shared) <= capacity_bps, f"backhaul of {drone.index}"
-    if drone.sharing and drone.proposed_bps > drone.free_bps:
+    if drone.sharing and drone.proposed_bps > drone.free_bps and not state.relays:
         left_bps = capacity_bps - held_bps - sum(shared)
         assert left_bps <= len(drone.sharing), f"backhaul of {drone.index}: {left_bps} bit/s left"
+
+
+def _site(state: State, user: User) -> int:
+    """Return where the result of a user's task comes from, if it has one to get, or -1."""
+    has_result = state.keeps_tasks and user.request.number >= 0 and user.request.line <= SHARING
+    return state.tasks[user.index].site if has_result else -1
+
+
+def _is_joined(world: Constants, state: State, *senders: int) -> bool:
+    """Return whether senders are the same, or have backhauls."""
+    capacities = [world.radios[state.senders[one].radio].backhaul_bps for one in senders]
+    return len(set(senders)) == 1 or max(capacities) < UNLIMITED_BPS
 
 
 def _demand(state: Any) -> None:
@@ -162,7 +187,8 @@ def _one_state(world: Constants, state: State, user: User) -> None:
     if request.line >= COMPUTING:
         assert not queues and not shares, "a request for a processor waits for a link"
         return
-    if state.keeps_tasks and state.tasks[user.index].site not in (-1, holder):
+    site = _site(state, user)
+    if min(site, holder) >= 0 and not _is_joined(world, state, site, holder):
         holder = -1
     if request.line == SHARING:
         assert not queues, "a request that shares waits"

@@ -123,7 +123,8 @@ def _task(simulation: Simulation, user: User) -> None:
     else:
         assert not sites, f"user {user.index} has a task at a processor that needs none"
         assert request.server in (-1, user.holder), "sent to another drone"
-        assert task.site < 0 or request.server in (-1, task.site), "a result from elsewhere"
+        ways = (-1, task.site) if task.site >= 0 and not state.relays else (-1, user.holder)
+        assert request.server in ways, "a result from elsewhere"
     served_us = task.sending_us + task.computing_us
     if task.own == 0:
         assert request.served_us == served_us, "time served is that of sending and computing"
@@ -215,7 +216,7 @@ def _done(simulation: Simulation, record: TaskRecord, user: User) -> None:
     if (work.required, work.line) != (request.required, request.line):
         assert work.done == 0, "another task than before"
         work.required, work.line = request.required, request.line
-    if terms.restarts and counted == 0 < work.done and task.site < 0:
+    if terms.restarts and counted == 0 < work.done and (task.site < 0 or state.relays):
         assert user.holder not in (-1, request.last_server), "lost without a handover"
         work.done = 0
     assert work.counts == min(counted, work.required), f"what is done for user {user.index}"

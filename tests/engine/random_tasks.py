@@ -43,10 +43,29 @@ def scenario(seed: int) -> dict[str, Any]:
     made["demand"] |= {"mix": mix}
     if made["reward"]["kind"] == "multi_service":
         made["reward"]["services"] = dict.fromkeys(mix, 0.3)
+    everywhere = dice.of(True, True, False)
     for each in senders:
-        admission = each.get("admission", made["drones"][0]["admission"])["kind"]
-        if dice.of(True, False) and "Loss" not in admission:
+        if everywhere or dice.of(True, False, False):
             each["backhaul"] = {"kind": "capacity", "kbps": dice.of(80, 350.5, 1000, 6000)}
+    return made
+
+
+def relaying(seed: int) -> dict[str, Any]:
+    """The same scenario with backhauls everywhere, whose users are soon elsewhere than their tasks.
+
+    Small inputs take a while to compute, and results are large.
+    """
+    made, dice = scenario(seed), Dice(seed + 800_000)
+    for each in [*made["drones"], *made["access_points"]]:
+        each["backhaul"] = {"kind": "capacity", "kbps": dice.of(350.5, 1000, 1000, 6000)}
+        each["processor"] |= {"ghz": dice.of(0.05, 0.2), "cores": dice.of(2, 4)}
+    made["users"]["mobility"] = {"kind": "random_walk", "speed_mps": 25, "leg_s": dice.of(9, 31)}
+    made["offloading"] = dice.of("always", "always", "split")
+    for service in made["services"].values():
+        if service["kind"] == "compute":
+            late = {"deadline_s": dice.of(60, 150), "on_deadline": dice.of("count", "drop")}
+            amounts = {"input_mbit": [0.02, 0.05], "cycles_per_bit": [9000]}
+            service |= {**amounts, "output_mbit": [3, 12, 40], **dice.of({}, late)}
     return made
 
 
@@ -76,3 +95,8 @@ def tandem(dice: Dice) -> dict[str, Any]:
 def world_of(seed: int) -> World:
     """The world of a random scenario with tasks."""
     return accepted(scenario, seed)
+
+
+def relaying_world_of(seed: int) -> World:
+    """The world of a random scenario whose results come over backhauls, with several senders."""
+    return accepted(relaying, seed, lambda made: made.drone_count + len(made.access_points) > 2)

@@ -14,7 +14,12 @@ from tests.engine.test_against_fixed_step import check_battery, check_coverage
 from tests.selection import by_default
 from tests.verification.convergence import DTS_S, FINEST_S, case_of, sampled, slopes
 from tests.verification.figure import check
-from tests.verification.links import MEASURES, linked_scenario_of, staged_scenario_of
+from tests.verification.links import (
+    MEASURES,
+    linked_scenario_of,
+    narrow_scenario_of,
+    staged_scenario_of,
+)
 
 SEEDS = range(24)
 
@@ -65,6 +70,20 @@ def test_services_of_several_stages_agree_too(seed: int) -> None:
     assert abs(len(result.requests) - len(case.log.requests)) <= 1
     check_battery(case, result, FINEST_S)
     check_coverage(case, result, FINEST_S)
+
+
+@pytest.mark.parametrize("seed", by_default([1], range(12)))
+def test_backhauls_agree_too(seed: int) -> None:
+    case = case_of(seed, narrow_scenario_of)
+    result = sampled(seed, FINEST_S, narrow_scenario_of)
+    assert abs(len(result.requests) - len(case.log.requests)) <= 1
+    check_battery(case, result, FINEST_S)
+    check_coverage(case, result, FINEST_S)
+
+
+@pytest.mark.slow
+def test_backhauls_converge_with_slope_one() -> None:
+    check(slopes(SEEDS, 0.35, DTS_S[1:], narrow_scenario_of, MEASURES))
 
 
 @pytest.mark.slow

@@ -163,6 +163,12 @@ def test_in_both_engines_with_tasks(seed: int):
     check(random_tasks.world_of(seed), seed)
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [4003, 4005])
+def test_results_that_are_relayed(seed: int):
+    check(random_tasks.relaying_world_of(seed), seed)
+
+
 @pytest.mark.parametrize("count", by_default([], [10, 100], at_most=1))
 @pytest.mark.parametrize("kind", ["plain", "radio"])
 def test_random_scenarios_in_this_and_another_process(kind: str, count: int, tmp_path: Path):

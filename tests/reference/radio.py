@@ -10,6 +10,7 @@ A class is looked up from the ratio where the user is; nothing here knows that i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -30,6 +31,7 @@ class Disc:
     radius_m: float
     bandwidth_hz: float
     sharing: str = "held"
+    backhaul_bps: float = math.inf
 
     @property
     def efficiencies(self) -> tuple[int, ...]:
@@ -54,6 +56,7 @@ class Radio:
     ladder: tuple[tuple[float, int], ...]
     sharing: str = "held"
     reuse: int = 0
+    backhaul_bps: float = math.inf
 
     @property
     def efficiencies(self) -> tuple[int, ...]:

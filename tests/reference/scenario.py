@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypeVar
 
 from tests.reference.inputs import Association
 from tests.reference.radio import (
@@ -20,6 +21,8 @@ from tests.reference.radio import (
     log_distance,
 )
 
+T = TypeVar("T", Disc, Radio)
+
 URBAN = {"kind": "al_hourani", "environment": "urban"}
 """The path loss of a scenario that names none."""
 
@@ -29,14 +32,22 @@ def links_of(scenario: Mapping[str, Any], bandwidth_bps: float) -> list[Disc | R
     drones = scenario["drones"]
     radio = drones.get("radio", {"kind": "disc"})
     if radio["kind"] == "link_classes":
-        return [radio_of(radio)] * drones["count"]
-    return [Disc(drones["footprint_radius_m"], bandwidth_bps)] * drones["count"]
+        return [behind(drones, radio_of(radio))] * drones["count"]
+    disc = Disc(drones["footprint_radius_m"], bandwidth_bps)
+    return [behind(drones, disc)] * drones["count"]
+
+
+def behind(sender: Mapping[str, Any], link: T) -> T:
+    """Return a link with the backhaul of its sender, if this has one."""
+    if not sender.get("backhaul"):
+        return link
+    return replace(link, backhaul_bps=round(1000 * sender["backhaul"]["kbps"]))
 
 
 def access_points_of(scenario: Mapping[str, Any]) -> list[AccessPoint]:
     """Return the access points of a scenario."""
     return [
-        AccessPoint((*point["at_m"], point["height_m"]), radio_of(point["radio"]))
+        AccessPoint((*point["at_m"], point["height_m"]), behind(point, radio_of(point["radio"])))
         for point in scenario.get("access_points") or ()
     ]
 

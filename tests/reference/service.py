@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 
 from tests.reference.inputs import NEVER, Closed, Inputs, Request, Result
@@ -148,8 +150,8 @@ class Services:
             self._suspend(d, efficiency)
             attached = self.open & (holder == d)
             elastic = attached & (self.volume_ubit > 0) & (link.sharing != "held")
-            free_hz = self._hold(t_us, d, attached & ~elastic, efficiency)
-            self._share(d, elastic, free_hz, efficiency)
+            free_hz, free_bps = self._hold(t_us, d, attached & ~elastic, efficiency)
+            self._share(d, elastic, (free_hz, free_bps), efficiency)
 
     def _suspend(self, d: int, efficiency: np.ndarray) -> None:
         """Let the held requests that were admitted last wait until the others fit."""
@@ -158,19 +160,26 @@ class Services:
         while sum(self._need_hz(user, efficiency) for user in served) > self.links[d].bandwidth_hz:
             self.server[served.pop()] = -1
 
-    def _hold(self, t_us: int, d: int, held: np.ndarray, efficiency: np.ndarray) -> float:
-        """Admit whoever fits, in order of request times and users; return the band that is left."""
+    def _hold(
+        self, t_us: int, d: int, held: np.ndarray, efficiency: np.ndarray
+    ) -> tuple[float, float]:
+        """Admit whoever fits, in order of request times and users.
+
+        Return what is left of the band and of the backhaul.
+        """
         served = np.flatnonzero(held & (self.server == d))
         free_hz = self.links[d].bandwidth_hz - sum(self._need_hz(u, efficiency) for u in served)
+        free_bps = self.links[d].backhaul_bps - int(self.wanted_bps[served].sum())
         waits = np.flatnonzero(held & (self.server < 0))
         for user in sorted(waits.tolist(), key=lambda user: (self.asked_us[user], user)):
             need_hz = self._need_hz(user, efficiency)
-            if need_hz <= free_hz:
+            if need_hz <= free_hz and self.wanted_bps[user] <= free_bps:
                 free_hz -= need_hz
+                free_bps -= int(self.wanted_bps[user])
                 self.server[user] = d
                 self.admitted_us[user] = t_us
                 self.pace[user] = self.wanted_bps[user] if self.volume_ubit[user] else 1
-        return free_hz
+        return free_hz, free_bps
 
     def _is_held(self, user: int, d: int) -> bool:
         return self.volume_ubit[user] == 0 or self.links[d].sharing == "held"
@@ -178,12 +187,19 @@ class Services:
     def _need_hz(self, user: int, efficiency: np.ndarray) -> int:
         return hz_for(int(self.wanted_bps[user]), int(efficiency[user]))
 
-    def _share(self, d: int, elastic: np.ndarray, free_hz: float, efficiency: np.ndarray) -> None:
-        """Share the rest of the bandwidth among transfers."""
+    def _share(
+        self, d: int, elastic: np.ndarray, free: tuple[float, float], efficiency: np.ndarray
+    ) -> None:
+        """Share the rest of the bandwidth and of the backhaul among transfers."""
+        free_hz, free_bps = free
         users = sorted(np.flatnonzero(elastic).tolist(), key=lambda u: (self.asked_us[u], u))
         if not users:
             return
         rates = whole(self.links[d].sharing, int(free_hz), [int(efficiency[u]) for u in users])
-        for user, rate_bps in zip(users, rates, strict=True):
+        part = Fraction(1)
+        if sum(rates) > free_bps:
+            part = Fraction(int(free_bps), sum(rates))
+        for user, rate in zip(users, rates, strict=True):
+            rate_bps = int(rate * part)
             self.pace[user] = rate_bps
             self.server[user] = d if rate_bps > 0 else -1

@@ -97,6 +97,14 @@ def linked_by_event(seed: int) -> dict[str, Any]:
     return by_event(mapping, seed)
 
 
+def narrow_scenario_of(seed: int) -> dict[str, Any]:
+    """The same scenario with backhauls that carry less than a band, or hold a call and a file."""
+    mapping = linked_scenario_of(seed)
+    for k, each in enumerate([mapping["drones"], *mapping["access_points"]]):
+        each["backhaul"] = {"kind": "capacity", "kbps": (900.5, 1400.0, 2500.0)[(seed + k) % 3]}
+    return mapping
+
+
 def staged_scenario_of(seed: int) -> dict[str, Any]:
     """The same scenario with services of several stages, some of which are of nothing."""
     mapping = linked_scenario_of(seed)

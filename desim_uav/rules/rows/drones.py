@@ -91,7 +91,8 @@ class Drone(Row):
     ``waiting`` is its queue: the users whose requests wait, by (request time, user). ``sharing``
     holds the users whose elastic requests share what requests for a fixed rate leave of the
     bandwidth (``free_hz``) and of the backhaul (``free_bps``), in the same order. They were given
-    ``proposed_bps`` together, of which ``left_bps`` are left (see ``rules.backhaul``).
+    ``proposed_bps`` together, of which ``left_bps`` are left (see ``rules.backhaul``); the results
+    of ``relayed`` tasks come over its backhaul to users of others, with whose requests they share.
     ``computing`` holds those whose tasks are at its processor, which ``computes`` unless it stands
     still (see ``rules.processing``). It draws ``power_uw`` from the battery since ``drawn_us``,
     until when it was counted but for ``rest_pj`` (see ``rules.battery``); the depletion of the
@@ -139,6 +140,7 @@ class Drone(Row):
     free_bps: int
     proposed_bps: int
     left_bps: int
+    relayed: int
     attached_users: int
     scan: int
     command: int

@@ -49,12 +49,12 @@ class State(Row):
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
     the time in outages that have ended, and ``links`` are those of its users; else there are none
     (see ``rules.links``). If it ``keeps_tasks``, ``tasks`` are those of its users (see
-    ``rules.tasks``). If it ``keeps_sensors``, ``sensors`` are those of its users, which have taken
-    ``generated`` updates; ``aged`` sums twice the integrals of their ages, in µs^2, since the
-    decision epoch. If drones have to keep a distance,
-    ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
-    ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the least
-    distance in the windows that have ended. At
+    ``rules.tasks``), whose results come over backhauls if it ``relays``. If it ``keeps_sensors``,
+    ``sensors`` are those of its users, which have taken ``generated`` updates; ``aged`` sums twice
+    the integrals of their ages, in µs^2, since the decision epoch. If drones have to keep a
+    distance, ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too
+    near, ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the
+    least distance in the windows that have ended. At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
     ``history`` holds all commands. ``sky`` is for the kernels of the sky. In the compiled engine,
@@ -93,6 +93,7 @@ class State(Row):
     keeps_links: int
     keeps_credit: int
     keeps_tasks: int
+    relays: int
     keeps_sensors: int
     generated: int
     aged: float
