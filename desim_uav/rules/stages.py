@@ -132,6 +132,7 @@ def join(state: State, drone: Drone, user: User) -> None:
     user.request.queued = 1
     if user.request.line == SHARING:
         _insert(state, drone.sharing, user)
+        drone.shared_hz = 0
     else:
         _insert(state, drone.waiting, user)
 
@@ -143,6 +144,7 @@ def leave(drone: Drone, user: User) -> None:
         user.request.queued = 0
         if user.request.line == SHARING:
             drone.sharing.remove(user.index)
+            drone.shared_hz = 0
         elif user.request.line == WAITING:
             drone.waiting.remove(user.index)
         else:
