@@ -237,6 +237,13 @@ MUTATIONS = (
         ("engine/test_admission.py",),
     ),
     Mutation(
+        "a request keeps its rate if its link passes to another class and nothing else changes",
+        "rules/service.py",
+        "        drone.regraded = user.index + 1\n",
+        "",
+        ("engine/test_shares.py",),
+    ),
+    Mutation(
         "a user attaches to the drone with the lowest number instead of the first one entered",
         "rules/attachment.py",
         "if first < 0 or entered_us < first_us:",

@@ -68,10 +68,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.users = Table(_user(index, senders, draws) for index in range(users))
     if state.keeps_links:
         state.links = Table(_links(senders) for _ in range(users))
-    state.keeps_tasks = int(world.services.has_tasks)
-    if state.keeps_tasks:
-        state.relays = int(world.services.computes and any(world.backhauls))
-        state.tasks = Table(blank(rows.Task) for _ in range(users))
+    _set_tasks(state, world, users)
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
         station.queue.buffer = drones
@@ -96,6 +93,14 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.events = Queue(of=rows.EventRow, buffer=buffers.log * settings.keep_events)
     _set_logs(state, buffers.log * settings.keep_steps)
     return state
+
+
+def _set_tasks(state: rows.State, world: World, users: int) -> None:
+    """Set what is kept of the tasks of users, if there are any."""
+    state.keeps_tasks = int(world.services.has_tasks)
+    if state.keeps_tasks:
+        state.relays = int(world.services.computes and any(world.backhauls))
+        state.tasks = Table(blank(rows.Task) for _ in range(users))
 
 
 def _set_logs(state: rows.State, buffer: int) -> None:

@@ -35,9 +35,13 @@ def divide(world: Constants, state: State, drone: Drone, phase: int) -> None:
 
 @rare_rule
 def _propose(world: Constants, state: State, drone: Drone, phase: int) -> None:
-    """Add up the rates that a drone's sharing gives, before any of them is given."""
-    drone.proposed_bps, drone.left_bps = 0, ASKING
+    """Add up the rates that a drone's sharing gives, before any of them is given.
+
+    Both times they are those of all users, because each depends on the sum.
+    """
+    drone.proposed_bps, drone.left_bps, drone.shared_hz = 0, ASKING, 0
     call(world.radios[drone.radio].divide, (world, state, drone, phase))
+    drone.shared_hz = 0
     drone.left_bps = max(for_sharing_bps(drone), 0)
 
 

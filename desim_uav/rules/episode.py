@@ -100,6 +100,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.marked_until_us = -1
     drone.waiting.clear()
     drone.sharing.clear()
+    drone.shared_hz = drone.regraded = 0
     drone.computing.clear()
     drone.computes = 0
     drone.power_uw = drone.drawn_us = drone.rest_pj = drone.span_us = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from desim_uav.model.services import SHARING
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.backhaul import ASKING, is_too_much, part_bps, reduced, relay_of
@@ -241,6 +242,10 @@ def regrade(world: Constants, state: State, drone: Drone, user: User) -> None:
         request.used_hz = request.needs_hz
         if drone.free_hz < 0:
             scan_later(state, drone)
+    elif request.queued and request.line == SHARING:
+        if drone.regraded > 0 and drone.regraded != user.index + 1:
+            drone.shared_hz = 0
+        drone.regraded = user.index + 1
     scan_if_used(state, drone)
 
 

@@ -8,7 +8,13 @@ from desim_uav.model.sharing import RowSharing
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.rows import Constants, Drone, State
-from desim_uav.rules.service import MILLION, efficiency_of, give_share, needed_hz, rate_bps
+from desim_uav.rules.service import (
+    MILLION,
+    efficiency_of,
+    give_share,
+    needed_hz,
+    rate_bps,
+)
 
 
 @register("sharing", "held")
@@ -27,9 +33,7 @@ class Equal(RowSharing):
     def divide(self, world: Constants, state: State, drone: Drone, phase: int) -> None:
         """Give each request an equal part of the free bandwidth."""
         each_hz = drone.free_hz // len(drone.sharing)
-        for k in range(len(drone.sharing)):
-            user = state.users[drone.sharing[k]]
-            give_share(world, state, user, each_hz, rate_bps(world, drone, user, each_hz), phase)
+        _give_parts(world, state, drone, each_hz, each_hz, MILLION, phase)
 
 
 @register("sharing", "proportional_fair")
@@ -44,11 +48,7 @@ class ProportionalFair(RowSharing):
     def divide(self, world: Constants, state: State, drone: Drone, phase: int) -> None:
         """Give each request the free bandwidth for an equal part of the time."""
         count, free_hz = len(drone.sharing), drone.free_hz
-        each_hz, parts = free_hz // count, MILLION * count
-        for k in range(count):
-            user = state.users[drone.sharing[k]]
-            rate = free_hz * efficiency_of(world, drone, user) // parts
-            give_share(world, state, user, each_hz, rate, phase)
+        _give_parts(world, state, drone, free_hz // count, free_hz, MILLION * count, phase)
 
 
 @register("sharing", "max_min")
@@ -90,6 +90,32 @@ class MaxRate(RowSharing):
                 give_share(world, state, state.users[drone.sharing[k]], 0, 0, phase)
         user, most_hz = state.users[drone.sharing[best]], drone.free_hz
         give_share(world, state, user, most_hz, rate_bps(world, drone, user, most_hz), phase)
+
+
+@rule
+def _give_parts(
+    world: Constants,
+    state: State,
+    drone: Drone,
+    each_hz: int,
+    own_hz: int,
+    parts: int,
+    phase: int,
+) -> None:
+    """Give each request ``each_hz``; its rate is its efficiency times ``own_hz`` over ``parts``.
+
+    If the same requests have shared the same bandwidth before, at most one gets another rate.
+    """
+    first, end = 0, len(drone.sharing)
+    if drone.shared_hz == drone.free_hz > 0:
+        while first < end and drone.sharing[first] != drone.regraded - 1:
+            first += 1
+        end = min(first + 1, end)
+    drone.shared_hz, drone.regraded = drone.free_hz, 0
+    for k in range(first, end):
+        user = state.users[drone.sharing[k]]
+        rate = own_hz * efficiency_of(world, drone, user) // parts
+        give_share(world, state, user, each_hz, rate, phase)
 
 
 @rule

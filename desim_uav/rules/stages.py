@@ -134,6 +134,7 @@ def join(state: State, drone: Drone, user: User) -> None:
     if user.request.line == SHARING:
         _insert(state, drone.sharing, user)
         _count_relayed(state, drone, user, 1)
+        drone.shared_hz = 0
     else:
         _insert(state, drone.waiting, user)
 
@@ -146,6 +147,7 @@ def leave(state: State, drone: Drone, user: User) -> None:
         if user.request.line == SHARING:
             drone.sharing.remove(user.index)
             _count_relayed(state, drone, user, -1)
+            drone.shared_hz = 0
         elif user.request.line == WAITING:
             drone.waiting.remove(user.index)
         else:

@@ -10,7 +10,10 @@ import pytest
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.rules.words import ADMISSION
+from desim_uav.rules.classes import change_class
+from desim_uav.rules.service import stop, wait
+from desim_uav.rules.stages import leave
+from desim_uav.rules.words import ADMISSION, ENTRY
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
 from tests.engine.helpers import path_of
@@ -52,6 +55,7 @@ def divided(sharing: str, seed: int) -> tuple[int, list[int], list[tuple[int, in
     band_hz = int(rng.integers(0, 10 ** int(rng.integers(1, 10))))
     drone.free_hz = band_hz
     drone.sharing.clear()
+    drone.shared_hz = 0
     for place, user in enumerate(users):
         drone.sharing.insert(place, int(user))
         state.users[user].classes[0] = int(rng.integers(1, radio.classes + 1))
@@ -76,3 +80,32 @@ def test_drones_share_their_bands_as_textbooks_do(sharing: str) -> None:
             enough = hz + (sharing == "proportional_fair")  # its parts of a band are rounded down
             assert rate * MICRO <= enough * efficiency
             assert sharing != "max_min" or hz == hz_for(rate, efficiency)
+
+
+@pytest.mark.parametrize("sharing", by_default(["equal", "proportional_fair"], FLUID))
+def test_bands_are_shared_anew_whatever_has_changed_since(sharing: str) -> None:
+    """Links pass to other classes, requests leave and join, and the band changes, all by rules."""
+    simulation, rng = busy(sharing), np.random.default_rng(13)
+    world, state = simulation.constants, simulation.state
+    drone, radio = state.drones[0], world.radios[0]
+    divided(sharing, 0)
+    for user in range(USERS):
+        state.users[user].request.queued = int(user in drone.sharing)
+    for _ in range(INSTANCES):
+        for user in rng.choice(USERS, size=rng.integers(0, 3), replace=False).tolist():
+            request, what = state.users[user].request, rng.integers(3)
+            if not request.queued:
+                wait(world, state, drone, state.users[user])
+            elif what == 0 and len(drone.sharing) > 1:
+                if request.server >= 0:
+                    stop(state, state.users[user], ADMISSION)
+                leave(drone, state.users[user])
+            else:
+                graded = int(rng.integers(1, radio.classes + 1))
+                change_class(world, state, drone, state.users[user], graded, ENTRY)
+        drone.free_hz = int(rng.choice([drone.free_hz, 0, 1000, 10**6]))
+        simulation.world.links[0].radio.sharing.divide(world, state, drone, ADMISSION)
+        users = [state.users[user] for user in drone.sharing]
+        efficiencies = [radio.efficiencies[user.classes[0]] for user in users]
+        rates = [user.request.rate if user.request.server == 0 else 0 for user in users]
+        assert rates == whole(sharing, drone.free_hz, efficiencies)

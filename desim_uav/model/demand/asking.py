@@ -127,6 +127,9 @@ class RowDemand:
 
     remembers: ClassVar[dict[str, type]] = {}
     after_previous: ClassVar[bool] = True
+    asks_from_lists: ClassVar[bool] = False
+    """Whether all requests are made by ``ask_for`` and ``ask_for_mix``, and waiting times are not
+    below 0, so that they need not be checked. A subclass has to say so itself."""
     plain: ClassVar = ("requests",)
     """The methods of which a subclass overrides one if it makes whole tables of requests."""
 
@@ -208,7 +211,9 @@ MOST_IDLE = 1000
 """The largest number of draws of a user in which no time passes."""
 
 
-def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., None]:
+def _ask_by(
+    next_request: Callable[..., None], follow: bool, from_lists: bool
+) -> Callable[..., None]:
     """Return a function that writes a user's requests in an episode.
 
     The function ends at once if a draw is invalid, or if no time passes.
@@ -225,7 +230,7 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
             passed_us = asker.wait_us
             if passed_us >= asker.left_us:
                 break
-            if not _is_sound(asker, services) or idle > MOST_IDLE:
+            if not (from_lists or _is_sound(asker, services)) or idle > MOST_IDLE:
                 asking.lost = 1
                 break
             due_us += passed_us
@@ -326,6 +331,10 @@ def _draw_by(
     return draw
 
 
+def _from_lists(demand: Any) -> bool:
+    return bool(vars(demand).get("asks_from_lists", False))
+
+
 @cache
 def _asking_of(demand: Any) -> Any:
     """Return the class of rows for the draws of a class of models."""
@@ -335,7 +344,7 @@ def _asking_of(demand: Any) -> Any:
 
 def _around(cls: Any, values_at: ValuesAt) -> Any:
     """Return the function ``draw`` of a class of models (see ``Function.around``)."""
-    ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous))
+    ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous, _from_lists(cls)))
     draw_all, owner = ruled(_draw_by(ask, held, put_back)), owner_of(cls)
     asking_at, offer_at = pointer_to(_asking_of(cls), owner), pointer_to(Offer, owner)
 
@@ -419,7 +428,8 @@ class RowDraws:
             demand, owner = over_rows(self.demand, self.services.names), owner_of(model)
             if owner:
                 bound(asking, self._offer)
-            draw = naming(owner, _draw_by(_ask_by(model.next_request, model.after_previous)))
+            flags = model.after_previous, _from_lists(model)
+            draw = naming(owner, _draw_by(_ask_by(model.next_request, *flags)))
             draw(demand, asking, self._offer)
             return asking
         block, states = np.zeros(cls.words, np.int64), np.ascontiguousarray(states)

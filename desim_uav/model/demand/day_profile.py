@@ -69,6 +69,7 @@ class DayProfile(RowDemand):
     """
 
     after_previous = False
+    asks_from_lists = True
     remembers: ClassVar = {"t_us": int, "passed": float}
 
     pieces: Table[float] = field(init=False, repr=False, compare=False)

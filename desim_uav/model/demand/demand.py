@@ -151,6 +151,8 @@ class Dynamic(RowDemand):
     none.
     """
 
+    asks_from_lists = True
+
     def next_request(self, asker: Asker, stream: Stream, services: Offer) -> None:
         """Draw a request at the start, and then each after a think time."""
         asker.wait_us = 0
@@ -185,6 +187,7 @@ class Poisson(RowDemand):
     """
 
     after_previous = False
+    asks_from_lists = True
 
     def next_request(self, asker: Asker, stream: Stream, services: Offer) -> None:
         """Draw a request after an exponential time."""

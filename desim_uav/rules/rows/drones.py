@@ -90,13 +90,15 @@ class Drone(Row):
     ``landed_in`` is the phase in which it landed, ``taken`` the action on its ``command``.
     ``waiting`` is its queue: the users whose requests wait, by (request time, user). ``sharing``
     holds the users whose elastic requests share what requests for a fixed rate leave of the
-    bandwidth (``free_hz``) and of the backhaul (``free_bps``), in the same order. They were given
-    ``proposed_bps`` together, of which ``left_bps`` are left (see ``rules.backhaul``); the results
-    of ``relayed`` tasks come over its backhaul to users of others, with whose requests they share.
-    ``computing`` holds those whose tasks are at its processor, which ``computes`` unless it stands
-    still (see ``rules.processing``). It draws ``power_uw`` from the battery since ``drawn_us``,
-    until when it was counted but for ``rest_pj`` (see ``rules.battery``); the depletion of the
-    battery is foreseen for ``span_us`` of the leg.
+    bandwidth (``free_hz``) and of the backhaul (``free_bps``), in the same order. All of them have
+    their parts of ``shared_hz`` (0: some may not), but for the user whose link has been
+    ``regraded`` since (its index plus 1; 0: none), as divisions into equal parts need to know.
+    They were given ``proposed_bps`` together, of which ``left_bps`` are left (see
+    ``rules.backhaul``); the results of ``relayed`` tasks come over its backhaul to users of others,
+    with whose requests they share. ``computing`` holds those whose tasks are at its processor,
+    which ``computes`` unless it stands still (see ``rules.processing``). It draws ``power_uw`` from
+    the battery since ``drawn_us``, until when it was counted but for ``rest_pj`` (see
+    ``rules.battery``); the depletion of the battery is foreseen for ``span_us`` of the leg.
     ``ahead`` holds the changes of class to come, the next one last. ``served`` counts the requests
     that it serves, and ``asking`` the open ones in its footprint, by service. The marks of its
     links (``model.radio.marks``) are known from ``marked_us`` until ``marked_until_us``, or not at
@@ -151,6 +153,8 @@ class Drone(Row):
     sharing: Queue[Int32]
     computing: Queue[Int32]
     computes: Int16
+    regraded: Int32
+    shared_hz: int
     power_uw: int
     drawn_us: int
     rest_pj: int
