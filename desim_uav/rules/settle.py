@@ -12,9 +12,10 @@ from desim_uav.rules.classes import retune
 from desim_uav.rules.due import due, key, nothing_before, settle_slot
 from desim_uav.rules.links import unsettle
 from desim_uav.rules.power import power
-from desim_uav.rules.rows import Constants, Path, State, User
+from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import suspend
 from desim_uav.rules.stages import scan_later
+from desim_uav.rules.updates import offer_room
 from desim_uav.rules.words import ATTACHMENT
 
 
@@ -81,8 +82,7 @@ def _settle_all(
     while state.to_scan > 0:
         drone = state.senders[d]
         if drone.scan:
-            if (state.keeps_links and drone.free_hz < 0) or drone.free_bps < 0:
-                suspend(world, state, drone, attachment)
+            _make_ready(world, state, drone, attachment)
             drone.scan = 0
             state.to_scan -= 1
             call(type_of(world, drone).scan, (world, path, state, drone, admission))
@@ -96,6 +96,15 @@ def _settle_all(
         d = d + 1 if d + 1 < len(state.senders) else 0  # whoever is scanned may free a site
 
 
+@rule
+def _make_ready(world: Constants, state: State, drone: Drone, attachment: int) -> None:
+    """Suspend what a drone can no longer hold, and let in what its store has room for again."""
+    if (state.keeps_links and drone.free_hz < 0) or drone.free_bps < 0:
+        suspend(world, state, drone, attachment)
+    if state.keeps_sensors and drone.crowded:
+        offer_room(world, state, drone)
+
+
 @apart
 def _admit_first(
     world: Constants, path: Path, state: State, attachment: int, admission: int
@@ -106,11 +115,10 @@ def _admit_first(
     """
     for d in range(len(state.senders)):
         drone = state.senders[d]
-        if len(drone.waiting) == 0 and len(drone.sharing) == 0:
+        if len(drone.waiting) == 0 and len(drone.sharing) == 0 and not drone.crowded:
             continue
         scan_later(state, drone)
-        if (state.keeps_links and drone.free_hz < 0) or drone.free_bps < 0:
-            suspend(world, state, drone, attachment)
+        _make_ready(world, state, drone, attachment)
         call(type_of(world, drone).scan, (world, path, state, drone, admission))
 
 

@@ -32,7 +32,7 @@ MOST_DRONES, MOST_TYPES = 10_000, 100
 class Drones(Section):
     """The drones: how many, what they cover and carry, how they fly."""
 
-    later: ClassVar = ("processor", "backhaul")
+    later: ClassVar = ("processor", "backhaul", "store_mbit")
 
     count: Annotated[int, Field(ge=1, le=MOST_DRONES)] = 3
     """The number of drones."""
@@ -56,6 +56,8 @@ class Drones(Section):
     """What computes tasks on board; null means nothing does."""
     backhaul: Annotated[Backhaul, BACKHAUL] | None = None
     """What connects each drone to the ground; null means that it limits no rate."""
+    store_mbit: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
+    """How much data a drone can carry to the ground, in Mbit; null means any amount."""
 
     @model_validator(mode="after")
     def _radio_decides(self) -> Drones:

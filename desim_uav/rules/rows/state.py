@@ -50,11 +50,11 @@ class State(Row):
     the time in outages that have ended, and ``links`` are those of its users; else there are none
     (see ``rules.links``). If it ``keeps_tasks``, ``tasks`` are those of its users (see
     ``rules.tasks``), whose results come over backhauls if it ``relays``. If it ``keeps_sensors``,
-    ``sensors`` are those of its users, which have taken ``generated`` updates; ``aged`` sums twice
-    the integrals of their ages, in µs^2, since the decision epoch. If drones have to keep a
-    distance, ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too
-    near, ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the
-    least distance in the windows that have ended. At
+    ``sensors`` are those of its users, so many of whom are ``sensing`` and have taken ``generated``
+    updates (see ``rules.updates``); ``aged`` sums twice the integrals of their ages, in µs^2, since
+    the decision epoch. If drones have to keep a distance, ``pairs`` are drones (0, 1), (0, 2), …;
+    ``conflicts`` counts how often two came too near, ``conflict_us`` sums the ends of these times
+    less their starts, and ``nearest_m`` is the least distance in the windows that have ended. At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
     ``history`` holds all commands. ``sky`` is for the kernels of the sky. In the compiled engine,
@@ -95,6 +95,7 @@ class State(Row):
     keeps_tasks: int
     relays: int
     keeps_sensors: int
+    sensing: int
     generated: int
     aged: float
     handed_over: int
