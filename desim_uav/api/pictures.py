@@ -46,16 +46,16 @@ def plot(
 
     Args:
         kind: The kind of figure: training, compare, sweep, visits, policy, battery, energy,
-            episodes, services, delay, radio or snapshot.
+            episodes, services, delay, age, radio or snapshot.
         runs: The folder of a run, a training or a sweep; for policy it may be the file of a table,
             and for radio and energy a scenario file or the name of a shipped scenario. For energy
             it may be left out. In Python, it may also be a result of ``run``, ``train``,
-            ``compare`` or ``sweep``, a scenario or a world; for training, compare and delay, it may
-            be a list of them. Of a run on several seeds, the first seed is drawn.
+            ``compare`` or ``sweep``, a scenario or a world; for training, compare, delay and age,
+            it may be a list of them. Of a run on several seeds, the first seed is drawn.
         out: The file, which ends in .png, .pdf or .svg. By default it is RUN/KIND.png, or a file in
             the working folder if RUN is no folder. In Python, True stands for this file; without
             ``out`` no file is written.
-        episode: For visits, battery, services, delay and snapshot: the episode to draw.
+        episode: For visits, battery, services, delay, age and snapshot: the episode to draw.
         minute: For snapshot: the minute to draw. By default it is the end of the episode.
         drone: For visits, policy and battery: the drone to draw, counted from 0. For energy: a
             drone of the type to draw.

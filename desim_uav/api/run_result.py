@@ -274,8 +274,8 @@ class RunResult:
         """Draw a figure of the run, which a notebook shows.
 
         Args:
-            kind: visits, battery, energy, episodes, services, delay, radio or snapshot; with
-                several seeds or policies also compare.
+            kind: visits, battery, energy, episodes, services, delay, age, radio or snapshot;
+                with several seeds or policies also compare.
             out: A file that ends in .png, .pdf or .svg, if the figure is to be written.
             seed: The seed to draw. Default: the first; for compare, all.
             options: Those of ``desim_uav.plot`` for this kind, such as ``episode`` and ``drone``.

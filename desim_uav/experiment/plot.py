@@ -59,10 +59,17 @@ def _compare(sources: Sequence[Drawable], against: str | None = None) -> Figure:
     return compare_figure(compare_runs([_path(s, "compare") for s in sources], against).content())
 
 
-def _delay(sources: Sequence[Drawable], **options: Any) -> Figure:
-    from desim_uav.report.figures import delay_figure
+def _of_runs(kind: str) -> Callable[..., Figure]:
+    """Return a function that draws several runs from their tables."""
 
-    return delay_figure([_path(source, "delay") for source in sources], **options)
+    def draw(sources: Sequence[Drawable], **options: Any) -> Figure:
+        from desim_uav.report import figures
+
+        paths = [_path(source, kind) for source in sources]
+        figure: Figure = getattr(figures, f"{kind}_figure")(paths, **options)
+        return figure
+
+    return draw
 
 
 def _sweep(source: Drawable, **options: Any) -> Figure:
@@ -160,7 +167,8 @@ KINDS: Mapping[str, Kind] = {
     "energy": Kind(_energy, ("drone",), optional=True),
     "episodes": Kind(_of_run("episodes"), again=True),
     "services": Kind(_of_run("services"), ("episode",), again=True),
-    "delay": Kind(_delay, ("episode",), several=True),
+    "delay": Kind(_of_runs("delay"), ("episode",), several=True),
+    "age": Kind(_of_runs("age"), ("episode",), several=True),
     "radio": Kind(_radio, ("level", "at")),
     "snapshot": Kind(_of_run("snapshot"), ("episode", "minute"), again=True),
 }

@@ -24,6 +24,7 @@ OPTIONS = {
     "fade": Option(5.0, 0.01, 1e6),
     "rounds": Option(2, 1, 100),
     "every": Option(1, 1, 1000),
+    "age": Option(1.0, 0.0, 1000.0),
 }
 
 BEYOND = 8
@@ -35,9 +36,12 @@ class Greedy:
     """Plans drone after drone; each covers as many users as it can whom the others do not cover.
 
     A plan is made for ``horizon`` steps, in which users are expected to walk away from where they
-    are now. An open request adds ``waiting`` to the weight 1 of a user; the addition decreases by a
-    factor e in ``fade`` steps. All drones revise their plans up to ``rounds`` times. New plans are
-    made after ``every`` decision epochs, and when a drone is not where its plan says.
+    are now. An open request, or each update in the buffer of a sensor, adds ``waiting`` to the
+    weight 1 of a user; the addition decreases by a factor e in ``fade`` steps. A task adds it only
+    while it waits for a link, and its result only for the drone that has it. A sensor's weight is
+    larger by ``age`` times its age over the mean age of all sensors. All drones revise their plans
+    up to ``rounds`` times. New plans are made after ``every`` decision epochs, and when a drone is
+    not where its plan says.
 
     Plans contain when and where drones charge, and no plan lets a battery run empty.
     """

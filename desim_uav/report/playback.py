@@ -245,7 +245,7 @@ class Playback:
         requests = self.run.of("requests", self.episode)
         events = self._events.dropna(subset=["request_id"])
         opened = events[events["kind"] == "request"]
-        closed = events[events["kind"].isin(["complete", "refuse", "close", "late"])]
+        closed = events[events["kind"].isin(["complete", "refuse", "close", "late", "drop"])]
 
         def key_of(rows: pd.DataFrame) -> Ints:
             keys = pd.Series(rows["key"].to_numpy(), rows["request_id"].to_numpy(np.int64))

@@ -134,6 +134,9 @@ def _figures(run: Reported) -> Html:
     if "gigacycles" in requests and requests["gigacycles"].any():
         caption = "The mean delay of tasks and its parts, and how many were done within a time."
         pictures.append(Picture("Delay", caption, partial(figures.delay_figure, run, width=NARROW)))
+    if (run.folder / "sensors.parquet").is_file():
+        caption = "The mean age of sensors over time, and the time average of each sensor."
+        pictures.append(Picture("Age", caption, partial(figures.age_figure, run, width=NARROW)))
     problem = _no_battery(run, first)
     if problem is None:
         caption = "The first counted episode. Shaded times are those in which a drone cannot serve."

@@ -86,6 +86,15 @@ RUNS = {
             "access_points=[]",
         ),
     ),
+    "sensors": (
+        RADIO,
+        "random",
+        (
+            "services={reading: {kind: collect, updates: {kind: poisson, mean_s: 20}, "
+            "size_mbit: [3], buffer: 3}}",
+            "demand={kind: sensing, service: reading}",
+        ),
+    ),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
     "mixed": (MIXED, "random", ()),
@@ -99,7 +108,7 @@ RUNS = {
         ),
     ),
 }
-GRADED = ("radio", "far", "staged", "tasks", "edge")
+GRADED = ("radio", "far", "staged", "tasks", "edge", "sensors")
 """The runs with links of several rates."""
 STATES = {state: look.word for state, look in USERS.items()}
 
@@ -1222,3 +1231,26 @@ class TestTasks:
         page.open(page_of(runs / "radio"), "#user=3")
         assert page.run("return document.querySelector('.strip').hidden")
         assert "processor" not in page.text("legend-parts")
+
+
+class TestSensors:
+    def test_ages_and_buffers_are_those_of_the_tables(self, page, runs):
+        page.open(page_of(runs / "sensors"))
+        updates = table(runs / "sensors", "updates").query("episode == 0")
+        ages = set()
+        for t_s in (0.0, 60.5, 301.25, 590.0):
+            users = page.seek(0, t_s)["users"]
+            for number, user in enumerate(users):
+                own = updates[updates["user"] == number]
+                delivered = own[own["t_delivered_s"] <= t_s]["t_generated_s"].max()
+                age_s = t_s - (0.0 if np.isnan(delivered) else delivered)
+                assert user["age_s"] == pytest.approx(age_s, abs=1e-5)
+                left_s = own["t_received_s"].fillna(own["t_end_s"].where(own["fate"] == "dropped"))
+                there = (own["t_generated_s"] <= t_s) & ~(left_s <= t_s)
+                assert user["buffered"] == there.sum()
+                ages.add(user["age_s"] < t_s)
+        assert ages == {True, False}
+        page.run("replay.select({what: 'user', index: 3})")
+        assert "age" in page.text("chosen") and "updates in its buffer" in page.text("chosen")
+        page.click("charts-toggle")
+        page.picture("sensors")

@@ -13,7 +13,7 @@ from desim_uav.experiment.plot import KINDS
 from tests.report.helpers import make_run, make_training
 from tests.selection import by_default
 
-OF_FOLDERS = [kind for kind in KINDS if kind not in ("sweep", "delay")]
+OF_FOLDERS = [kind for kind in KINDS if kind not in ("sweep", "delay", "age")]
 """The kinds of figures of runs and trainings."""
 
 
@@ -151,6 +151,7 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
             4,
             "the run has no tasks: none of its services has the kind c",
         ),
+        (("plot", "age", "@run0"), 4, "the run has no sensors: no users have the demand sensing"),
         (("plot", "radio", "case8"), 2, "case8: the radio of its drones is disc"),
         (("plot", "radio", "@run0"), 2, "write drones.radio: {kind: link_classes} in the scen"),
         (("plot", "radio", "@links", "--level", 3), 2, "--level 3: case8 has the levels 0 to 2"),

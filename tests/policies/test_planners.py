@@ -16,7 +16,8 @@ from desim_uav.experiment.run import headline, play, run
 from desim_uav.experiment.sweep.plan import policy_digest
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.random.streams import Purpose, Streams
-from desim_uav.model.rules import Mode
+from desim_uav.model.rules import Action, Mode
+from desim_uav.model.services import COMPUTING, NOWHERE, SHARING
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import as_seen, file_of
 from desim_uav.policies.clairvoyant import Clairvoyant
@@ -26,6 +27,8 @@ from desim_uav.policies.planning.best_plan import LOST, free_steps, plan_of, val
 from desim_uav.policies.planning.cover import covered_shares
 from desim_uav.policies.planning.future import imagined
 from desim_uav.policies.planning.ground import ground_of
+from desim_uav.policies.planning.sight import look
+from desim_uav.policies.planning.team import Habits, TeamPlanner
 from desim_uav.policies.rollout import Rollout
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
@@ -79,6 +82,58 @@ def test_users_with_open_requests_count_more():
         policy.watch(engine)
         engine.step(policy.act_jointly(shown.observations, shown.masks))
         assert engine.drones[0].x == cell
+
+
+def test_what_waits_for_no_link_does_not_count():
+    """A task adds to a user's weight only while it waits for a link, its result for one drone."""
+    world = strip(
+        [(4, 0), (8, 0)],
+        at(3, 4, 5),
+        steps=2,
+        drones={"processor": {}},
+        services={
+            "task": {
+                "kind": "compute",
+                "input_mbit": [1],
+                "cycles_per_bit": [1000],
+                "bandwidth_kbps": [100],
+            }
+        },
+        demand={"kind": "static", "mix": {"task": 1}, "none": 0.0},
+    )
+    engine = make_engine("des", world, RunSettings((True, True), False))
+    shown = engine.reset(draw(world, 0, 0))
+    ground = ground_of(world)
+    for number, (line, site) in enumerate(((COMPUTING, 0), (SHARING, 1), (NOWHERE, -1))):
+        user, task = engine.state.users[number], engine.state.tasks[number]
+        user.request.number, user.request.line, task.site = number, line, site
+    sight = look(engine, ground, shown.observations)
+    assert (sight.backlog.tolist(), sight.only.tolist()) == ([0, 1, 0], [-1, 1, -1])
+    team = TeamPlanner(ground, sight, Habits(5, 2.0, 5.0, 2))
+    assert team._worth_to(0)[0].tolist() == [1, 1, 1]
+    assert team._worth_to(1)[0].tolist() == [1, 3, 1]
+
+
+@pytest.mark.parametrize("engine", ["des", "batch"])
+def test_a_sensor_counts_by_its_age_and_buffer(engine):
+    sensors = {"kind": "collect", "updates": {"kind": "periodic", "every_s": 30, "offset": 0}}
+    world = strip(
+        [(4, 0)],
+        at(3, 5),
+        steps=3,
+        services={"reading": {**sensors, "size_mbit": [1], "buffer": 9, "bandwidth_kbps": [100]}},
+        demand={"kind": "sensing", "service": "reading"},
+    )
+    simulation = make_engine(engine, world, RunSettings((True,), False))
+    simulation.reset(draw(world, 0, 0))
+    left = list(world.actions).index(Action.LEFT)
+    shown = simulation.step([left])  # to the first sensor, whose updates it receives
+    shown = simulation.step([list(world.actions).index(Action.HOVER)])
+    sight = look(simulation, ground_of(world), shown.observations)
+    assert sight.backlog[0] < sight.backlog[1] >= 4
+    assert sight.ages.mean() == pytest.approx(1.0)
+    assert sight.ages[0] < 0.5 < 1.5 < sight.ages[1]
+    assert flown(world, Greedy())[-1] != (4, 0), "it flies to one of them"
 
 
 def test_a_drone_flies_over_a_building():

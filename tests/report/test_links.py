@@ -108,9 +108,14 @@ SPLIT = (
     "access_points=[]",
 )
 
+SENSORS = (
+    "services={reading: {kind: collect, updates: {kind: poisson, mean_s: 20}, size_mbit: [3]}}",
+    "demand={kind: sensing, service: reading}",
+)
+
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("overrides", [(), SPLIT], ids=["links", "tasks"])
+@pytest.mark.parametrize("overrides", [(), SPLIT, SENSORS], ids=["links", "tasks", "sensors"])
 def test_measures_at_the_end_are_those_of_the_run(
     tmp_path: Path, overrides: tuple[str, ...]
 ) -> None:

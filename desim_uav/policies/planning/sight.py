@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import UserState
 from desim_uav.engine.episode import Engine
 from desim_uav.model.rules import DECIDES, IN_QUEUE, US, Mode
+from desim_uav.model.services import COMPUTING
 from desim_uav.model.state import Observation
 from desim_uav.policies.planning.ground import NO_WAY, Ground
 
@@ -29,15 +30,21 @@ class Standing(NamedTuple):
 
 
 class PlanningSight(NamedTuple):
-    """The users' places (users, 2) in metres and who has an open request (users,), and the drones.
+    """The users' places (users, 2) in metres and what they need (users,), and the drones.
 
+    ``backlog`` is how many things of a user wait for a link: 1 for an open request, or the updates
+    in the buffer of a sensor; a task that is at a processor, or that its user computes, waits for
+    none. ``only`` is the drone that alone can serve the user now, as it has the result of its task,
+    or -1. ``ages`` are the ages of sensors over the mean age of all sensors, 0 for other users.
     ``left`` is the number of steps that are left of the episode. ``future_m`` (left, users, 2) are
     the users' places in the coming steps, which only a clairvoyant has.
     """
 
     left: int
     users_m: NDArray[np.float64]
-    waits: NDArray[np.bool_]
+    backlog: NDArray[np.float64]
+    only: NDArray[np.int64]
+    ages: NDArray[np.float64]
     drones: tuple[Standing, ...]
     future_m: NDArray[np.float64] | None = None
 
@@ -62,10 +69,29 @@ class PlanningSight(NamedTuple):
 def look(engine: Engine, ground: Ground, observations: Any) -> PlanningSight:
     """Return what a planner sees now."""
     _, users_m = engine.positions_m()
-    states = [state >= UserState.OPEN for state in engine.user_states()]
     left = ground.world.scenario.episode.steps - observations[0].step
     places = np.ascontiguousarray(users_m[:, :2])
-    return PlanningSight(left, places, np.array(states), _drones(engine, ground, observations))
+    drones = _drones(engine, ground, observations)
+    return PlanningSight(left, places, *_needs(engine), drones)
+
+
+def _needs(engine: Engine) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return what each user needs now (see ``PlanningSight``): backlog, only and ages."""
+    state = engine.state
+    backlog = np.array([float(one >= UserState.OPEN) for one in engine.user_states()])
+    only, ages = np.full(len(backlog), -1), np.zeros(len(backlog))
+    for u in np.flatnonzero(backlog).tolist() if state.keeps_tasks else ():
+        if state.users[u].request.line >= COMPUTING:
+            backlog[u] = 0.0
+        else:
+            only[u] = state.tasks[u].site
+    for u, service in enumerate(engine.world.senses):
+        if service >= 0:
+            sensor = state.sensors[u]
+            backlog[u], ages[u] = float(sensor.count), float(state.now_us - sensor.fresh_us)
+    if ages.any():
+        ages /= ages[np.array(engine.world.senses) >= 0].mean()
+    return backlog, only, ages
 
 
 def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing, ...]:

@@ -33,6 +33,7 @@ class Habits(NamedTuple):
     waiting: float
     fade: float
     rounds: int
+    age: float = 1.0
 
 
 def horizon_of(ground: Ground, habits: Habits) -> int:
@@ -66,7 +67,7 @@ class TeamPlanner:
         self.steps = horizon_of(ground, habits)
         if not self.goes_on:
             self.steps = min(self.steps, sight.left)
-        self.worth = self._worth(habits)
+        self.worth, self.called = self._worth(habits)
         expected = sight.expected(ground, self.steps)
         self.shares = covered_shares(*expected, ground.centres_m, ground.radii_m)
         drones, stations = len(sight.drones), max(1, len(world.stations))
@@ -76,16 +77,28 @@ class TeamPlanner:
         for d in range(drones):
             self._hold(d)
 
-    def _worth(self, habits: Habits) -> Floats:
-        """Return what the cover of each user is worth in each step: (steps, users)."""
+    def _worth(self, habits: Habits) -> tuple[Floats, Floats]:
+        """Return what the cover of each user is worth in each step: (steps, users).
+
+        The second part is what is added because something waits for a link.
+        """
         worth = np.ones((self.steps, len(self.sight.users_m)))
         faded = np.exp(-np.arange(min(self.steps, self.sight.left)) / habits.fade)
-        worth[: len(faded)] += habits.waiting * faded[:, None] * self.sight.waits
+        called = np.zeros_like(worth)
+        called[: len(faded)] = habits.waiting * faded[:, None] * self.sight.backlog
+        worth[: len(faded)] += habits.age * self.sight.ages
         world = self.ground.world
         links_of_points = world.links[len(world.types) :]
         for links, point in zip(links_of_points, world.scenario.access_points, strict=True):
             away_m = np.hypot(*(self.sight.users_m - np.array(point.at_m)).T)
-            worth[:, away_m <= links.rings_m[0, world.groups, 0]] = 0.0
+            near = away_m <= links.rings_m[0, world.groups, 0]
+            worth[:, near] = called[:, near] = 0.0
+        return worth, called
+
+    def _worth_to(self, drone: int) -> Floats:
+        """Return what the cover of each user by a drone is worth, which may have what it needs."""
+        can = (self.sight.only < 0) | (self.sight.only == drone)
+        worth: Floats = self.worth + self.called * can
         return worth
 
     def begin_with(self, before: Ints, age: int) -> None:
@@ -114,7 +127,7 @@ class TeamPlanner:
         ground, standing = self.ground, self.sight.drones[drone]
         others = np.arange(len(self.plans)) != drone
         left = np.prod(1.0 - self.covers[others], axis=0)
-        gained = gains(self.shares, self.worth * left)
+        gained = gains(self.shares, self._worth_to(drone) * left)
         busy = self.busy[others].sum(axis=0)
         free = free_steps(busy, ground.world.scenario.stations.pads)
         charge = (ground.station_of, ground.returns)

@@ -1,5 +1,6 @@
 """Figures of runs, trainings, policies, sweeps and radios, each from a folder or file alone."""
 
+from desim_uav.report.figures.age import age_figure
 from desim_uav.report.figures.battery import battery_figure
 from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.compare import compare_figure, intervals_figure
@@ -16,6 +17,7 @@ from desim_uav.report.figures.training import training_figure
 from desim_uav.report.figures.visits import visits_figure
 
 __all__ = [
+    "age_figure",
     "battery_figure",
     "case_picture",
     "compare_figure",

@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.records import TASKS
+from desim_uav.report.figures.alike import MOST_SERIES, alike_in_all_but_seeds
 from desim_uav.report.figures.style import NARROW, Figure, headed, look, short, styled
 from desim_uav.report.figures.visits import counted_episodes
 from desim_uav.report.run import Run, opened
-from desim_uav.scenario.load import seedless
 
 PARTS: dict[str, dict[str, Any]] = {
     "waiting": {"facecolor": "#E3E3E3", "hatch": "xxxx", "edgecolor": "0.45"},
@@ -26,8 +26,6 @@ PARTS: dict[str, dict[str, Any]] = {
 }
 """The parts of a delay, which add up to it: what a user computes while its task is also sent or
 computed elsewhere is not counted again."""
-
-MOST_SERIES = 12
 
 
 @dataclass(frozen=True)
@@ -93,35 +91,14 @@ def delay_figure(
 
 def _all_series(runs: Sequence[Run], episode: int | None) -> list[Series]:
     """Return the series of all runs, in the order of the runs and then of the services' names."""
-    alike: list[list[Run]] = []
-    for run in runs:
-        same = next((group for group in alike if _differ_in_seed(run, group[0])), None)
-        if same is None:
-            alike.append([run])
-            continue
-        twice = [other for other in same if other.scenario.seed == run.scenario.seed]
-        if twice:
-            raise PolicyError(
-                f"{run.folder}: {run.manifest['policy']} on seed {run.scenario.seed} is given "
-                f"twice; {twice[0].folder} has the same scenario, policy and seed"
-            )
-        same.append(run)
-    names = [str(group[0].manifest["policy"]) for group in alike]
-    if len(set(names)) < len(names):
-        names = [short(str(group[0].folder)) for group in alike]
+    alike = alike_in_all_but_seeds(runs)
     found = []
-    for name, group in zip(names, alike, strict=True):
+    for name, group in alike:
         tasks = pd.concat([_tasks(run, episode) for run in group])
         for service in sorted(tasks["service"].unique()):
             label = service if len(alike) == 1 else f"{service}, {name}"
             found.append(Series(short(label), tasks[tasks["service"] == service]))
     return found
-
-
-def _differ_in_seed(one: Run, other: Run) -> bool:
-    """Return whether two runs have the same policy, and scenarios that differ in seeds at most."""
-    same_policy = one.manifest["policy"] == other.manifest["policy"]
-    return same_policy and seedless(one.scenario) == seedless(other.scenario)
 
 
 def _tasks(run: Run, episode: int | None) -> pd.DataFrame:

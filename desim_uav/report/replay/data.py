@@ -19,6 +19,7 @@ from desim_uav.report.replay.columns import Column, codes, delta, floats, pack, 
 from desim_uav.report.replay.flights import Flights
 from desim_uav.report.run import Run, Tables
 from desim_uav.report.tracks import Track
+from desim_uav.rules import words
 from desim_uav.rules.words import EVENT_KINDS, LEADS_TO
 
 if TYPE_CHECKING:
@@ -35,8 +36,10 @@ TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
 OF_LINKS = {"class", "handover", "ping_pong", "outage", "outage_end"}
 OF_PAIRS = {"conflict", "clear"}
 OF_REQUESTS = {*KINDS[:6], "stage", "late", "compute", "computed"}
-NAMES_DRONE = ({*KINDS} - OF_REQUESTS - {"outage", "outage_end"}) | {"serve", "stop"}
-NAMES_USER = {*KINDS[:10]} | OF_REQUESTS | OF_LINKS
+OF_UPDATES = {EVENT_KINDS[kind] for kind in words.OF_UPDATES}
+NO_DRONE = OF_REQUESTS | {"outage", "outage_end", "generate", "drop"}
+NAMES_DRONE = ({*KINDS} - NO_DRONE) | {"serve", "stop"}
+NAMES_USER = {*KINDS[:10]} | OF_REQUESTS | OF_LINKS | OF_UPDATES
 NAMES_REQUEST = OF_REQUESTS
 NAMES_STATION = {"land", "charge", "charged", "respawn"}
 
@@ -63,8 +66,10 @@ class Encoder:
     def episode(self, number: int, tables: Tables) -> bytes:
         """Return the block of an episode. Raises PolicyError for tables that do not fit."""
         duration_us = round(float(self._row(number)["duration_s"]) * US)
-        events = self._events(tables["events"], len(tables["requests"]), duration_us)
-        columns = self._requests(tables["requests"])
+        taken = self._updates(number)
+        updates = len(next(iter(taken.values())).values) if taken else 0
+        events = self._events(tables["events"], len(tables["requests"]), updates, duration_us)
+        columns = self._requests(tables["requests"]) | taken
         columns |= {f"event.{name}": column for name, column in _event_columns(events).items()}
         columns |= self.flights.legs(tables["legs"])
         columns |= self._walks(tables["users"])
@@ -131,7 +136,21 @@ class Encoder:
         )
         return whole(bps)
 
-    def _events(self, events: pd.DataFrame, requests: int, duration_us: int) -> dict[str, Whole]:
+    def _updates(self, number: int) -> dict[str, Column]:
+        """Return when each update of an episode was taken; no column if there are no sensors."""
+        if not self.run.world.senses:
+            return {}
+        updates = self.run.of("updates", number).sort_values("update")
+        self.check.expect(
+            np.array_equal(updates["update"].to_numpy(), np.arange(len(updates))),
+            "updates",
+            "update: not numbered from 0 in each episode",
+        )
+        return {"update.t_us": delta(self.check.us(updates, "updates", "t_generated_s", 0))}
+
+    def _events(
+        self, events: pd.DataFrame, requests: int, updates: int, duration_us: int
+    ) -> dict[str, Whole]:
         """Return the events in the order of the page, with -1 for missing numbers."""
         kind = events["kind"].map({name: k for k, name in enumerate(KINDS)})
         unknown = events["kind"][kind.isna()]
@@ -151,6 +170,8 @@ class Encoder:
             columns["other"] = events["other"].fillna(-1).to_numpy(np.int64)
         if self.run.world.services.several_stages:
             columns["stage"] = events["stage"].fillna(-1).to_numpy(np.int64)
+        if self.run.world.senses:
+            columns["update"] = events["update"].fillna(-1).to_numpy(np.int64)
         limits = {
             "t_us": (NOTHING, duration_us + 1),
             "phase": (NOTHING, max(Phase) + 1),
@@ -160,6 +181,8 @@ class Encoder:
             "request_id": (NAMES_REQUEST, requests),
             "station": (NAMES_STATION, len(self.run.map["stations"])),
         }
+        if "update" in columns:
+            limits["update"] = (OF_UPDATES, updates)
         if "stage" in columns:
             limits["stage"] = ({"stage"}, max(map(len, self.run.world.services.stages)))
         for name, (kinds, end) in limits.items():
@@ -278,6 +301,7 @@ class Encoder:
             "group_of": list(scenario.group_numbers) if scenario.group_names else [],
             "services": self.services,
             "computed": computed_stages(self.run.world.services),
+            "senses": list(self.run.world.senses),
             "step_us": self.step_us,
             "by_event": scenario.decisions.by_event,
             "pads": scenario.stations.pads,
@@ -339,8 +363,8 @@ def computed_stages(services: Catalogue) -> list[list[int]]:
 
 
 def _event_columns(events: dict[str, Whole]) -> dict[str, Column]:
-    stage = {"stage": plain(events["stage"])} if "stage" in events else {}
-    return stage | {
+    more = {name: plain(events[name]) for name in ("stage", "update") if name in events}
+    return more | {
         "t_us": delta(events["t_us"]),
         "phase": codes(events["phase"]),
         "kind": codes(events["kind"]),

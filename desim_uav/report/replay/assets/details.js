@@ -49,6 +49,8 @@ function ofUser(state, u) {
     if (next !== undefined) rows.push(["asks again", `at ${clock(episode.request.tUs[next], 1)}`]);
   }
   rows.push(["requests so far", String(asked.length)]);
+  const ageUs = state.ageUs(u);
+  if (ageUs !== null) rows.push(["updates in its buffer", String(state.buffered[u])], ["age", span(ageUs)]);
   return { title: `User ${u}`, tag: userWord(doing), rows };
 }
 
@@ -111,6 +113,7 @@ function ofDrone(state, d) {
   }
   if (served.length) rows.push([hasTasks(run) ? "link to users" : "serves users", some(served)]);
   rows.push(...processorRows(state, d));
+  if (state.carried[d]) rows.push(["carries updates", String(state.carried[d])]);
   return { title: `Drone ${d}`, tag: modeOf(state, d), rows };
 }
 
@@ -263,6 +266,10 @@ const TOLD = {
   close: (e) => `request ${e.request} of user ${e.user} is closed`,
   late: (e) => `request ${e.request} of user ${e.user} is late, and dropped`,
   compute: (e) => `user ${e.user} begins to compute for request ${e.request}`,
+  generate: (e) => `user ${e.user} takes an update`,
+  drop: (e) => `the buffer of user ${e.user} drops an update`,
+  deliver: (e) => `an update of user ${e.user} is delivered by ${e.sender}`,
+  lose: (e) => `an update of user ${e.user} is lost with ${e.sender}`,
   computed: (e) => `user ${e.user} ends computing for request ${e.request}`,
   enter: (e) => `user ${e.user} enters the footprint of ${e.sender}${e.link}`,
   exit: (e) => `user ${e.user} leaves the footprint of ${e.sender}`,

@@ -30,7 +30,9 @@ export class Episode {
       linkClass: Int32Array.from(columns["event.link_class"]),
       other: Int32Array.from(columns["event.other"]), // the second drone of an event of two
       stage: Int32Array.from(columns["event.stage"] ?? []), // the stage that a request begins
+      update: Int32Array.from(columns["event.update"] ?? []), // of a sensor
     };
+    this.takenUs = columns["update.t_us"] ?? []; // when each update of a sensor was taken
     this.leg = legsOf(columns);
     this.walk = {
       first: offsets(columns["walk.count"]),

@@ -24,7 +24,7 @@ export function requestSoFar(state, r) {
     } else if (CLOSES.has(kind)) {
       found.endUs = event.tUs[i];
       found.outcome = kind === "complete" ? "completed"
-        : kind === "refuse" ? "refused" : kind === "late" ? "late" : found.servedUs > 0 ? "unfinished" : "never served";
+        : kind === "refuse" ? "refused" : kind === "late" ? "late" : kind === "drop" ? "dropped" : found.servedUs > 0 ? "unfinished" : "never served";
     }
   }
   if (found.by >= 0) spell(found, state.tUs);
@@ -32,7 +32,7 @@ export function requestSoFar(state, r) {
   return found;
 }
 
-const CLOSES = new Set(["complete", "refuse", "close", "late"]);
+const CLOSES = new Set(["complete", "refuse", "close", "late", "drop"]);
 
 /** A service of 0 µs does not count. */
 function spell(found, untilUs) {

@@ -296,6 +296,8 @@ function told(run, player, state) {
       service: state.request[u] < 0 ? null : run.services[episode.request.service[state.request[u]]],
       request: state.request[u] < 0 ? null : state.request[u],
       holder: state.holder[u] < 0 ? null : state.holder[u],
+      age_s: state.ageUs(u) === null ? null : state.ageUs(u) / US,
+      buffered: state.buffered[u] ?? null,
       link_class: state.holder[u] < 0 ? null : state.classOf(u, state.holder[u]),
     })),
     stations: run.map.stations.map((_, s) => state.dock(s)),

@@ -59,6 +59,7 @@ export class Panel {
     const groups = [
       ["every event", []],
       ["requests", ["request", "complete", "refuse", "close", "late"]],
+      ...(run.senses.length ? [["updates", ["generate", "drop", "deliver", "lose"]]] : []),
       ...(run.computed.length ? [["tasks", ["stage", "compute", "computed"]]] : []),
       ["services", ["serve", "stop"]],
       ["attachments", ["attach", "detach"]],

@@ -28,6 +28,9 @@ export class State {
       stage: new Int16Array(run.users), // of the open request
       site: new Int16Array(run.users).fill(-1), // the processor that has the user's task, or had it
       queue: new Int32Array(run.senders), // the tasks at each processor
+      buffered: new Int32Array(run.senses.length), // the updates in each sensor's buffer
+      freshUs: new Float64Array(run.senses.length), // when its freshest delivered update was taken
+      carried: new Int32Array(run.senders), // the updates that drones take to the ground
       mode: new Uint8Array(run.drones),
       station: new Int16Array(run.drones).fill(-1),
       sinceUs: new Float64Array(run.drones),
@@ -95,7 +98,7 @@ export class State {
     this.#integrateTo(event.tUs[i]);
     this.applyKind[event.kind[i]].call(
       this, event.drone[i], event.user[i], event.request[i], event.station[i], event.tUs[i],
-      event.linkClass[i], event.stage[i],
+      event.linkClass[i], event.stage[i], event.update[i],
     );
     this.sums.next = i + 1;
   }
@@ -136,6 +139,7 @@ export class State {
       qoe2: new Float64Array(SAMPLES + 1).fill(NaN),
       qoe3: new Float64Array(SAMPLES + 1).fill(NaN),
       usedBps: new Float64Array(SAMPLES + 1),
+      ageUs: new Float64Array(SAMPLES + 1),
     };
     const marked = new Set(["crash", "respawn", "charge", "charged", "land"]
       .map((kind) => this.run.kinds.indexOf(kind)));
@@ -154,6 +158,7 @@ export class State {
       }
       this.#integrateTo(t);
       course.tUs[s] = t;
+      if (this.run.senses.length) course.ageUs[s] = this.meanAgeUs(t);
       const { qoe1, qoe2, qoe3 } = this.measures();
       course.qoe1[s] = qoe1 ?? NaN;
       course.qoe2[s] = qoe2 ?? NaN;
@@ -202,6 +207,7 @@ export class State {
   _request(d, u, r) {
     this.request[u] = r;
     this.stage[u] = 0;
+    this.sums.unservedUs += this.sums.atUs - this.episode.request.tUs[r]; // in a sensor's buffer
     this.sums.open += 1;
     this.sums.asked += 1;
   }
@@ -289,8 +295,26 @@ export class State {
 
   _complete(d, u) {
     this.sums.done += 1;
+    if (this.run.senses[u] >= 0) {
+      this.buffered[u] -= 1;
+      this.carried[d < 0 ? this.holder[u] : d] += 1;
+    }
     this._close(d, u);
   }
+
+  _generate(d, u) { this.buffered[u] += 1; }
+
+  _drop(d, u, r) {
+    this.buffered[u] -= 1;
+    if (r >= 0) this._close(d, u);
+  }
+
+  _deliver(d, u, r, s, tUs, c, stage, update) {
+    this.carried[d] -= 1;
+    this.freshUs[u] = Math.max(this.freshUs[u], this.episode.takenUs[update]);
+  }
+
+  _lose(d) { this.carried[d] -= 1; }
 
   _refuse(d, u) { this._close(d, u); }
 
@@ -350,6 +374,18 @@ export class State {
   userState(u) {
     if (this.request[u] >= 0) return this.served[u] ? SERVED : WAITING;
     return this.holder[u] >= 0 ? ATTACHED : IDLE;
+  }
+
+  /** The age of information of a user, in microseconds; null if it is no sensor. */
+  ageUs(u) {
+    return this.run.senses[u] >= 0 ? this.tUs - this.freshUs[u] : null;
+  }
+
+  /** The mean age of all sensors. */
+  meanAgeUs(tUs = this.tUs) {
+    const [sum, count] = this.freshUs.reduce(([total, n], fresh, u) => (
+      this.run.senses[u] >= 0 ? [total + tUs - fresh, n + 1] : [total, n]), [0, 0]);
+    return count ? sum / count : NaN;
   }
 
   /** The class of the link between a user and a drone or access point; 1 in the footprint of a disc. */

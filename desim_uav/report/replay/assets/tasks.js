@@ -37,7 +37,7 @@ function readSpells(episode, u) {
   };
   for (const i of episode.eventsOfUser(u)) {
     const kind = run.kinds[event.kind[i]];
-    if (!CHANGES.has(kind)) continue;
+    if (!CHANGES.has(kind) || event.request[i] < 0) continue;
     const tUs = event.tUs[i];
     add(doing ?? (own ? null : "waiting"), tUs);
     if (own) add("own part", tUs);
@@ -53,7 +53,7 @@ function readSpells(episode, u) {
 }
 
 const CHANGES = new Set(["request", "serve", "stop", "stage", "compute", "computed", "complete",
-  "refuse", "close", "late"]);
+  "refuse", "close", "late", "drop"]);
 
 /** The spells, of which those that follow each other in the same part are one. */
 function joined(spells) {

@@ -3,7 +3,7 @@
 import { forkUs } from "./fork.js";
 import { typeOf } from "./links.js";
 import { hasTasks, PARTS, partColour, spellsOf } from "./tasks.js";
-import { clock, droneColour, FONT, inSteps, percent, shortClock } from "./palette.js";
+import { clock, droneColour, FONT, inSteps, percent, shortClock, span } from "./palette.js";
 
 const MARKS = 20;
 const AXIS = 18;
@@ -398,6 +398,7 @@ function lanesOf(run, state) {
     },
   ];
   if (hasTasks(run)) lanes.push(queueLane(run, course));
+  if (run.senses.length) lanes.push(ageLane(course));
   if (episode.battery) lanes.push(batteryLane(run, episode));
   if (run.types.some((type) => type.hover_w !== null)) lanes.push(powerLane(run, episode));
   return lanes;
@@ -434,6 +435,15 @@ function queueLane(run, course) {
   return {
     low: 0, high: 1.05 * most, lines,
     labels: (_, at) => [{ text: `queues ${at.queue.reduce((sum, of) => sum + of, 0)}, most ${most}` }],
+  };
+}
+
+/** The mean age of all sensors. */
+function ageLane(course) {
+  return {
+    low: 0, high: 1.05 * course.ageUs.reduce((a, b) => Math.max(a, b), 1),
+    lines: [{ tUs: course.tUs, values: course.ageUs }],
+    labels: (_, at) => [{ text: `age ${span(at.meanAgeUs())}` }],
   };
 }
 
