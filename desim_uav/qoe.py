@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from desim_uav.errors import UsageError
 
 OUTCOMES = ("completed", "unfinished", "never_served")
-"""The outcomes of requests in every run; those that are dropped at a deadline are LATE."""
-LATE = "late"
+"""The outcomes of requests in every run; those that are dropped at a deadline are LATE, and
+updates of sensors that were replaced are DROPPED."""
+LATE, DROPPED = "late", "dropped"
 SUMMED = (
     *("t_request_s", "t_end_s", "attached_s", "wait_s", "completion_s", "outcome"),
     *("qoe1", "qoe1_feasible", "qoe2_iterations", "interruptions", "handovers"),
@@ -59,8 +60,8 @@ def inconsistency(requests: pd.DataFrame) -> str | None:
         "served_s exceeds requested_s, or the time the request was open": (
             requests["served_s"] > most_s + TOLERANCE_S
         ),
-        f"outcome is not one of {', '.join((*OUTCOMES, LATE))}": (
-            ~requests["outcome"].isin((*OUTCOMES, LATE))
+        f"outcome is not one of {', '.join((*OUTCOMES, LATE, DROPPED))}": (
+            ~requests["outcome"].isin((*OUTCOMES, LATE, DROPPED))
         ),
     }
     for problem, rows in tests.items():

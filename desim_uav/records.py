@@ -131,7 +131,8 @@ REQUESTS = Columns(
     drones=(LIST, "The drones that served the request, in order, without immediate repetitions."),
     outcome=(
         TEXT,
-        "`completed`, `unfinished` or `never_served`; `late` if it was dropped at its deadline.",
+        "`completed`, `unfinished` or `never_served`; `late` if it was dropped at its deadline; "
+        "`dropped` if it was an update of a sensor whose buffer made room for a new one.",
     ),
     qoe1=(
         FLOAT,
@@ -260,11 +261,32 @@ ENERGY = Columns(
     ),
 )
 
+AGES = Columns(
+    "If users are sensors, whose demand is `sensing`:",
+    age_s=(FLOAT, "The time average of the age of a sensor, in seconds; the mean over sensors."),
+    peak_age_s=(
+        FLOAT,
+        "The mean of the ages just before they fell, in seconds, over all sensors. Null if none "
+        "fell.",
+    ),
+    worst_age_s=(FLOAT, "The largest time average of the age of a sensor, in seconds."),
+    updates=(INT, "How many updates the sensors have taken."),
+    updates_delivered=(INT, "How many of them have been delivered."),
+    updates_dropped=(INT, "How many of them were dropped because a buffer was full."),
+    updates_lost=(INT, "How many of them were lost in crashes."),
+    age_violation_s=(
+        FLOAT,
+        "Seconds for which the age of a sensor was above `age_limit_s`, summed over sensors. Null "
+        "if there is no limit.",
+    ),
+)
+
 EPISODES = Columns(
     "One row per episode: its measures.",
     LINKS,
     APART,
     ENERGY,
+    AGES,
     episode=_EPISODE,
     qoe1_percent=_QOE1_PERCENT,
     qoe2_iterations=_QOE2_ITERATIONS,
@@ -330,11 +352,17 @@ BEGUN = Columns(
     stage=("Int64", "The number of the stage that the request begins, from 0."),
 )
 
+NUMBERED = Columns(
+    "If users are sensors:",
+    update=("Int64", "The update of a sensor that it concerns, if any."),
+)
+
 EVENTS = Columns(
     "One row per event, sorted by time, phase, drone and user. Kept with `--events`.",
     CLASSES,
     OTHERS,
     BEGUN,
+    NUMBERED,
     episode=_EPISODE,
     t_us=(INT, "The time of the event, in microseconds."),
     phase=(INT, "The phase of the instant in which it happened, from 1 to 13."),
@@ -345,6 +373,57 @@ EVENTS = Columns(
     station=("Int64", "The charging station it concerns, if any."),
 )
 """The columns of events, which are sorted by (t_us, phase, drone, user)."""
+
+UPDATES = Columns(
+    "One row per update that a sensor has taken. Kept if users are sensors.",
+    episode=_EPISODE,
+    update=(INT, "The number of the update in its episode, from 0, by the time it was taken."),
+    user=(INT, "The number of the sensor among the users, from 0."),
+    service=(TEXT, "The name of the service."),
+    request_id=("Int64", "Its request. Null if it never was the first one in the buffer."),
+    size_mbit=(FLOAT, "Its size, in Mbit."),
+    t_generated_s=(FLOAT, "When it was taken."),
+    t_sent_s=(FLOAT, "When sending it began. Null if that never was."),
+    t_received_s=(FLOAT, "When the last bit of it was received. Null if that never was."),
+    drone=("Int64", "The drone or access point that has received it. Null as above."),
+    t_delivered_s=(FLOAT, "When it was delivered. Null if it was not."),
+    fate=(
+        TEXT,
+        "`delivered`, `dropped` by the buffer, or `lost` in a crash; at the end of the episode, "
+        "`buffered` at the sensor or `stored` in a drone.",
+    ),
+    t_end_s=(FLOAT, "When that was known."),
+    age_before_s=(
+        FLOAT,
+        "The age of the sensor just before its delivery, in seconds. Null if it was not delivered.",
+    ),
+    age_after_s=(
+        FLOAT,
+        "The age just after that, which is lower unless a fresher one was delivered before.",
+    ),
+)
+
+SENSORS = Columns(
+    "One row per episode and sensor. Kept if users are sensors.",
+    episode=_EPISODE,
+    user=(INT, "The number of the sensor among the users, from 0."),
+    service=(TEXT, "The name of the service whose updates it sends."),
+    age_s=(
+        FLOAT,
+        "The time average of its age, in seconds: the time since the freshest update that has been "
+        "delivered was taken, or since the start of the episode if there is none.",
+    ),
+    peak_age_s=(FLOAT, "The mean of its ages just before they fell. Null if it never fell."),
+    age_end_s=(FLOAT, "Its age at the end of the episode, in seconds."),
+    violation_s=(
+        FLOAT,
+        "Seconds for which its age was above `age_limit_s`. Null if there is no limit.",
+    ),
+    updates=(INT, "How many updates it has taken."),
+    delivered=(INT, "How many of them have been delivered."),
+    dropped=(INT, "How many of them its buffer has dropped."),
+    lost=(INT, "How many of them were lost in crashes."),
+)
 
 LEGS = Columns(
     "One row per transit that a drone flew, and one of duration 0 for each place at which a drone "
@@ -385,6 +464,8 @@ TABLES = {
     "users": USERS,
     "events": EVENTS,
     "legs": LEGS,
+    "updates": UPDATES,
+    "sensors": SENSORS,
     "training": TRAINING,
 }
 """Every table by the name of its Parquet file."""

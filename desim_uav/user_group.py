@@ -16,7 +16,7 @@ from desim_uav.copies import Unchanging
 from desim_uav.errors import SimulationError
 from desim_uav.model.catalogue import Catalogue, catalogue
 from desim_uav.model.demand.asking import RowDemand, RowDraws
-from desim_uav.model.demand.demand import requests_of
+from desim_uav.model.demand.demand import drawn_by, is_sensed, requests_of
 from desim_uav.model.demand.requests import Requests
 from desim_uav.model.mobility.mobility import Mobility, Static, walks_of
 from desim_uav.model.mobility.walking import RowMobility, from_here
@@ -82,6 +82,11 @@ class UserGroup(Unchanging):
         return self.scenario.demands[self.number]
 
     @cached_property
+    def law(self) -> Any:
+        """What draws the users' requests: their demand, or the updates that sensors send."""
+        return drawn_by(self.demand, self.scenario.services)
+
+    @cached_property
     def services(self) -> Catalogue:
         """The services as arrays, with the probabilities of the demand's mix."""
         offered = self.scenario.services
@@ -90,6 +95,12 @@ class UserGroup(Unchanging):
     def states(self, purpose: Purpose, seed: Seeds, episodes: Sequence[int]) -> NDArray[np.uint64]:
         """Return the initial states of the users' random streams: (episodes, users, 4)."""
         return states_of(seed, purpose, episodes, self.count, self.first_stream)
+
+    @property
+    def senses(self) -> int:
+        """The number of the service whose updates the users send as sensors; -1 if they do not."""
+        names = self.services.names
+        return names.index(self.demand.service) if is_sensed(self.demand) else -1
 
     @cached_property
     def _horizon_us(self) -> int:
@@ -131,17 +142,17 @@ class UserGroup(Unchanging):
         with self._named():
             if self._row_draws is not None:
                 return self._row_draws.of(self.states(Purpose.DEMAND, seed, episodes))
-            return requests_of(self.demand, self.count, self.services, *drawn)
+            return requests_of(self.law, self.count, self.services, *drawn)
 
     @cached_property
     def _row_draws(self) -> RowDraws | None:
         """The draws of a demand over rows."""
-        if not works_on_rows(self.demand, RowDemand):
+        if not works_on_rows(self.law, RowDemand):
             return None
         # What users compute themselves is sent nowhere, so that no rate bounds its time.
         alone = self.services.computes and self.scenario.offloading.alone
         most_bps = 0 if alone else self.scenario.most_bps
-        return RowDraws(self.demand, self.services, self._horizon_us, most_bps)
+        return RowDraws(self.law, self.services, self._horizon_us, most_bps)
 
     @contextmanager
     def _named(self) -> Iterator[None]:

@@ -187,6 +187,15 @@ class World(Unchanging):
         """The services as arrays, with the probabilities of the mix of the first group of users."""
         return self.user_groups[0].services
 
+    @cached_property
+    def senses(self) -> tuple[int, ...]:
+        """The number of the service whose updates each user sends as a sensor; -1 for others.
+
+        It is empty if nobody is a sensor.
+        """
+        own = [group.senses for group in self.user_groups for _ in range(group.count)]
+        return tuple(own) if max(own) >= 0 else ()
+
     def walks(self, seed: int, episode: int) -> Walks:
         """Draw the users' walks in an episode."""
         return self.walks_of(seed, [episode])[0].drawn()
@@ -235,7 +244,7 @@ class World(Unchanging):
     @cached_property
     def fixed_requests(self) -> Requests | None:
         """The requests of every episode if they are not random, else None."""
-        drawn = any(getattr(group.demand, "draws", True) for group in self.user_groups)
+        drawn = any(getattr(group.law, "draws", True) for group in self.user_groups)
         return None if drawn else self.requests(0, 0)
 
     @property

@@ -29,15 +29,20 @@ FILES = (*(f"{name}.parquet" for name in TABLES), "scenario.yaml", "world.json",
 """What a run folder holds, beside its checksums."""
 
 
-OPTIONAL = (*IN_TIME, "access_points")
-"""The tables that not all runs have."""
+OPTIONAL = {
+    **dict.fromkeys(IN_TIME, ""),
+    "access_points": "the scenario has no access points",
+    "updates": "no users of the scenario are sensors",
+    "sensors": "no users of the scenario are sensors",
+}
+"""The tables that not all runs have, and why; those of events have to be asked for."""
 
 
 def lacking(name: str, where: str = "") -> DesimError:
     """Return the error that a run does not have one of the OPTIONAL tables."""
     if name in IN_TIME:
         return NoEventsError(f"{where}the run kept no {name}; events=True keeps them")
-    return UsageError(f"{where}the scenario has no access points")
+    return UsageError(f"{where}{OPTIONAL[name]}")
 
 
 class Tables:

@@ -97,6 +97,16 @@ class RunResult:
         return self._table("access_points")
 
     @cached_property
+    def updates(self) -> pd.DataFrame:
+        """One row per update of a sensor. Raises UsageError if no users are sensors."""
+        return self._table("updates")
+
+    @cached_property
+    def sensors(self) -> pd.DataFrame:
+        """One row per episode and sensor: its age. Raises UsageError if no users are sensors."""
+        return self._table("sensors")
+
+    @cached_property
     def episodes(self) -> pd.DataFrame:
         """One row per episode: its measures."""
         return self._table("episodes")

@@ -9,14 +9,15 @@ from typing import Any, NamedTuple
 from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import Mode
 from desim_uav.rowcode.rows import named
-from desim_uav.rules.rows import Closed, PointRecord, Record
+from desim_uav.rules.rows import Closed, PointRecord, Record, UpdateRow
 
 Event = tuple[Any, ...]
 """An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none.
 
 If the drones' links have classes, the class of the link that the event changed follows. If drones
 have to keep a distance, the other drone of an event of two drones follows. If a service has several
-stages, the number of the stage that begins follows.
+stages, the number of the stage that begins follows. If users are sensors, the number of the update
+follows.
 """
 
 
@@ -31,6 +32,33 @@ class ClosedRequest(named(Closed, "drones", "outcome")):  # type: ignore[misc]
     """
 
     __slots__ = ()
+
+
+class LoggedUpdate(named(UpdateRow)):  # type: ignore[misc]  # its fields are those of UpdateRow
+    """An update whose fate is known (see ``rules.rows.UpdateRow``); times are in microseconds."""
+
+    __slots__ = ()
+
+
+class SensorTotals(NamedTuple):
+    """What an episode was for a sensor; times are in microseconds.
+
+    ``area_us2`` is twice the integral of its age, ``peaks_us`` the sum of its ages just before
+    ``falls`` times at which it fell, ``over_us`` the time for which it was above the limit, and
+    ``age_us`` the age at the end. The others count its updates.
+    """
+
+    user: int
+    service: int
+    area_us2: int
+    peaks_us: int
+    falls: int
+    over_us: int
+    age_us: int
+    generated: int
+    delivered: int
+    dropped: int
+    lost: int
 
 
 class Step(named(Record)):  # type: ignore[misc]  # its fields are declared in Record alone
@@ -112,6 +140,9 @@ class EpisodeLog:
     point_steps: list[Any] = field(default_factory=list)
     """The records of access points, which are ``PointStep``."""
     requests: list[ClosedRequest] = field(default_factory=list)
+    updates: list[LoggedUpdate] = field(default_factory=list)
+    sensors: list[SensorTotals] = field(default_factory=list)
+    """The totals of the users who are sensors, at the end of the episode."""
     duration_us: int = 0
     attached_us: int = 0
     bandwidth_us_hz: int = 0

@@ -14,7 +14,7 @@ from desim_uav.model.motion.motion import Transit
 from desim_uav.model.motion.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import move_of
-from desim_uav.model.services import Terms
+from desim_uav.model.services import Collecting, Terms
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.rowcode.rows import Table, blank, fill
 from desim_uav.rules.rows import (
@@ -30,6 +30,7 @@ from desim_uav.rules.rows import (
     TermsRow,
     TransitRow,
     TypeRow,
+    UpdatesRow,
 )
 from desim_uav.rules.words import CRASHES, NEVER
 from desim_uav.scenario.cost import expected_requests
@@ -132,6 +133,9 @@ def _set_links(constants: Constants, world: World) -> None:
         constants.terms = Table(map(_terms, world.services.terms))
         own = [users.processor for users in scenario.user_groups for _ in range(users.count)]
         constants.clocks = Table(0 if each is None else each.clock for each in own)
+    if world.senses:
+        constants.senses = Table(world.senses)
+        constants.updates = Table(map(_updates, world.services.collecting))
     constants.draws = world.services.draws
     constants.first_stages = Table(world.services.first_stages)
     constants.stages = Table(fill(StageRow, one) for own in world.services.stages for one in own)
@@ -169,6 +173,14 @@ def _terms(terms: Terms) -> TermsRow:
     """Return the terms of a service as a row."""
     deadline_us = NEVER if terms.deadline_us is None else terms.deadline_us
     return fill(TermsRow, (deadline_us, *map(int, terms[1:])))
+
+
+def _updates(keeps: Collecting | None) -> UpdatesRow:
+    """Return what holds for the updates of a service as a row."""
+    if keeps is None:
+        return blank(UpdatesRow)
+    limit_us = NEVER if keeps.limit_us is None else keeps.limit_us
+    return fill(UpdatesRow, (keeps.keeps, int(keeps.preempts), limit_us))
 
 
 def whole_hz(bandwidth_hz: float) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from operator import attrgetter, itemgetter
 from typing import Any, ClassVar
 
@@ -30,7 +30,9 @@ from desim_uav.rules.words import (
     NEVER,
     NO_SHARE,
     OF_PAIRS,
+    OF_UPDATES,
     ON_COMPLETE,
+    ON_DROP,
     ON_LATE,
     ON_LEG,
     ON_STAGE,
@@ -41,10 +43,15 @@ from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
 PHASES = (None, *Phase)
-ENDED = {ON_COMPLETE: Outcome.COMPLETED, ON_LATE: Outcome.LATE}
+ENDED = {
+    ON_COMPLETE: Outcome.COMPLETED,
+    ON_LATE: Outcome.LATE,
+    ON_DROP: Outcome.DROPPED,
+}
 """The outcomes of requests by the kind of event that closes them, if that says it."""
 AS_LOGGED, AS_CLOSED = attrgetter(*base.Step._fields), attrgetter(*Closed.kinds)
 AS_AT_POINT = attrgetter(*base.PointStep._fields)
+AS_UPDATE = attrgetter(*base.LoggedUpdate._fields)
 
 
 class Engine(CarryOver):
@@ -221,6 +228,8 @@ class Engine(CarryOver):
             log.crashed[:] = self.entries("crashed")
         if state.keeps_requests:
             self._log_requests()
+            for update in self.entries("updates"):
+                log.updates.append(base.LoggedUpdate(*AS_UPDATE(update)))
             if state.step:
                 self._log_steps()
         if log.events is not None:
@@ -231,13 +240,19 @@ class Engine(CarryOver):
                     phase, kind = PHASES[event.phase], EVENT_KINDS[event.kind]
                     of_pair = event.kind in OF_PAIRS
                     user, other = (-1, event.user) if of_pair else (event.user, -1)
-                    begins = event.kind == ON_STAGE
-                    station, stage = (-1, event.station) if begins else (event.station, -1)
+                    station = stage = update = -1
+                    if event.kind == ON_STAGE:
+                        stage = event.station
+                    elif event.kind in OF_UPDATES:
+                        update = event.station
+                    else:
+                        station = event.station
                     rest = (event.drone, user, event.request, station)
                     link_class = (event.link_class,) if state.keeps_links else ()
                     others = (other,) if keeps_apart else ()
                     stages = (stage,) if keeps_stages else ()
-                    more = (*link_class, *others, *stages)
+                    updates = (update,) if state.keeps_sensors else ()
+                    more = (*link_class, *others, *stages, *updates)
                     log.events.append((event.t_us, phase, kind, *rest, *more))
             log.legs.extend(map(flown_leg, self.entries("flown")))
         if state.terminated or state.truncated:
@@ -309,9 +324,31 @@ class Engine(CarryOver):
             nearest_m = float(state.nearest_m) if len(self.drones) > 1 else math.inf
             log.apart = base.Conflicts(int(state.conflicts), int(state.conflict_us), nearest_m)
         log.requests.sort(key=lambda request: request.request_id)
+        log.updates.sort(key=lambda update: update.number)
+        if state.keeps_sensors:
+            log.sensors = list(self._sensors())
         log.legs.sort(key=itemgetter(0, 1))
         if log.events is not None:
             log.events.sort(key=itemgetter(0, 1, 3, 4))
+
+    def _sensors(self) -> Iterator[base.SensorTotals]:
+        """Yield the totals of the sensors at the end of an episode."""
+        sensors = enumerate(zip(self.state.sensors, self.world.senses, strict=True))
+        for user, (sensor, service) in sensors:
+            if service >= 0:
+                yield base.SensorTotals(
+                    user,
+                    service,
+                    wide.value_of(sensor.area_us2),
+                    wide.value_of(sensor.peaks_us),
+                    int(sensor.falls),
+                    int(sensor.over_us),
+                    int(self.state.now_us - sensor.fresh_us),
+                    int(sensor.generated),
+                    int(sensor.delivered),
+                    int(sensor.dropped),
+                    int(sensor.lost),
+                )
 
     def energy_uj(self) -> tuple[int, int]:
         """Return what all drones have used and gained in the episode, as far as it is counted.

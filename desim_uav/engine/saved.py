@@ -41,7 +41,7 @@ from desim_uav.world import World
 OF_ONE_ENGINE = {
     State: {
         *("keeps_requests", "drones", "events", "closed", "handovers", "records", "point_records"),
-        *("flown", "away_m"),
+        *("updates", "flown", "away_m"),
         *("look", "sky", "slot_times", "slot_keys", "winners", "before", "before_us"),
     },
     Drone: {"route", "route_end", "features"},
@@ -171,6 +171,7 @@ def copied(log: EpisodeLog, settings: RunSettings) -> EpisodeLog:
         steps=log.steps[:] if settings.keep_steps else [],
         point_steps=log.point_steps[:] if settings.keep_steps else [],
         requests=log.requests[:],
+        updates=log.updates[:],
         crashed=log.crashed[:],
     )
 

@@ -61,7 +61,9 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
         pieces = most_pieces(world)
         pairs = combinations(range(drones), 2)
         state.pairs = Table(_pair(*both, pieces) for both in pairs)
-    again = world.services.several_stages or world.services.has_tasks
+    state.keeps_sensors = int(len(world.senses) > 0)
+    state.sensors = Table(_sensor(world, service) for service in world.senses)
+    again = world.services.several_stages or world.services.has_tasks or world.senses
     draws = world.services.draws if again else 0
     state.users = Table(_user(index, senders, draws) for index in range(users))
     if state.keeps_links:
@@ -91,9 +93,15 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.history = _zeros(epochs * drones)
     set_memory(state, world, buffers.log * settings.keep_events)
     state.events = Queue(of=rows.EventRow, buffer=buffers.log * settings.keep_events)
-    state.closed = Queue(of=rows.Closed, buffer=buffers.log * settings.keep_steps)
-    state.handovers = Queue(of=rows.Handover, buffer=2 * buffers.log * settings.keep_steps)
+    _set_logs(state, buffers.log * settings.keep_steps)
     return state
+
+
+def _set_logs(state: rows.State, buffer: int) -> None:
+    """Set the memory for the log of a step: its closed requests, handovers and updates."""
+    state.closed = Queue(of=rows.Closed, buffer=buffer)
+    state.handovers = Queue(of=rows.Handover, buffer=2 * buffer)
+    state.updates = Queue(of=rows.UpdateRow, buffer=buffer * state.keeps_sensors)
 
 
 def _zeros(count: int) -> Table[int]:
@@ -136,6 +144,17 @@ def _user(index: int, senders: int, draws: int) -> rows.User:
     user.covering, user.classes = Table([-1] * senders), _zeros(senders)
     user.request.drawn = _zeros(draws)
     return user
+
+
+def _sensor(world: World, service: int) -> rows.Sensor:
+    """Return a sensor of a service with an empty buffer, which has no memory for -1 (none)."""
+    sensor = blank(rows.Sensor)
+    keeps = world.services.collecting[service] if service >= 0 else None
+    if keeps is not None:
+        sensor.buffer = Table(blank(rows.Update) for _ in range(keeps.buffer + 1))
+    for update in sensor.buffer:
+        update.number = -1
+    return sensor
 
 
 def _links(senders: int) -> rows.UserLinks:

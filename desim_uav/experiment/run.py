@@ -39,6 +39,8 @@ class Results:
     events: pd.DataFrame | None
     legs: pd.DataFrame | None
     access_points: pd.DataFrame | None
+    updates: pd.DataFrame | None
+    sensors: pd.DataFrame | None
 
 
 Played = tuple[EpisodeLog, SamplePath]
@@ -247,6 +249,8 @@ def tabulate(world: World, played: Sequence[Played], keep_events: bool) -> Resul
         tables.events_table(logs, world) if keep_events else None,
         tables.legs_table(logs) if keep_events else None,
         tables.points_table(logs) if world.scenario.access_points else None,
+        tables.updates_table(logs, world) if world.senses else None,
+        tables.sensors_table(logs, world) if world.senses else None,
     )
 
 

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from desim_uav import qoe
 from desim_uav.drone_type import DroneType
-from desim_uav.engine.base import ClosedRequest, EpisodeLog
+from desim_uav.engine.base import ClosedRequest, EpisodeLog, SensorTotals
 from desim_uav.model.energy.battery import WH_UJ
 from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import NEVER, US, Mode, Outcome
 from desim_uav.model.sums import in_order
 from desim_uav.records import (
+    AGES,
     AIMED,
     APART,
     BEGUN,
@@ -33,20 +34,24 @@ from desim_uav.records import (
     GROUPED,
     LEGS,
     LINKS,
+    NUMBERED,
     OTHERS,
     OWN,
     POINTS,
     REQUESTS,
+    SENSORS,
     STAGES,
     STEPS,
     STORED,
     TASKS,
     TEXT,
+    UPDATES,
     USERS,
     VOLUMES,
     to_frame,
 )
 from desim_uav.report.links import mean_rate_bps
+from desim_uav.rules.words import DELIVERED, FATES
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.processor import UserProcessor
 from desim_uav.world import World
@@ -235,6 +240,7 @@ def episodes_table(
     by_episode = dict(list(requests.groupby("episode")))
     apart = APART if world.scenario.separation_m is not None else ()
     more = [*(LINKS if world.graded else ()), *apart, *(ENERGY if world.in_joules else ())]
+    more += AGES if world.senses else ()
     columns = EPISODES.among(more)
     rows = (
         _episode_row(log, world, by_episode.get(log.episode, requests.iloc[:0]), columns)
@@ -272,7 +278,92 @@ def _episode_row(
         values["least_distance_m"] = None if math.isinf(least_m) else least_m
     if world.in_joules:
         values |= _energy(log, requests, world.all_in_joules)
+    if log.sensors:
+        values |= _ages(log, world)
     return tuple(values[name] for name in columns)
+
+
+def _ages(log: EpisodeLog, world: World) -> dict[str, float | None]:
+    """Return the measures of all sensors in an episode."""
+    sensors, falls = log.sensors, sum(one.falls for one in log.sensors)
+    ages_s = [_mean_age_s(one, log.duration_us) for one in sensors]
+    limited = [one.over_us for one in sensors if _is_limited(world, one)]
+    return {
+        "age_s": in_order(ages_s) / len(ages_s),
+        "peak_age_s": sum(one.peaks_us for one in sensors) / falls / US if falls else None,
+        "worst_age_s": max(ages_s),
+        "updates": sum(one.generated for one in sensors),
+        "updates_delivered": sum(one.delivered for one in sensors),
+        "updates_dropped": sum(one.dropped for one in sensors),
+        "updates_lost": sum(one.lost for one in sensors),
+        "age_violation_s": sum(limited) / US if limited else None,
+    }
+
+
+def _mean_age_s(sensor: SensorTotals, duration_us: int) -> float:
+    """Return the time average of a sensor's age in an episode."""
+    return sensor.area_us2 / (2 * duration_us) / US
+
+
+def _is_limited(world: World, sensor: SensorTotals) -> bool:
+    """Return whether there is a limit to the age of a sensor."""
+    keeps = world.services.collecting[sensor.service]
+    return keeps is not None and keeps.limit_us is not None
+
+
+def updates_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
+    """Return one row per update of a sensor, ordered by episode and number."""
+    names = world.services.names
+    rows = (
+        (
+            log.episode,
+            update.number,
+            update.user,
+            names[world.senses[update.user]],
+            None if update.request < 0 else update.request,
+            update.size / UBIT,
+            update.generated_us / US,
+            _time_s(update.sent_us),
+            _time_s(update.received_us),
+            None if update.drone < 0 else update.drone,
+            _time_s(update.ended_us if update.fate == DELIVERED else -1),
+            FATES[update.fate],
+            update.ended_us / US,
+            _time_s(update.before_us),
+            _time_s(update.after_us),
+        )
+        for log in logs
+        for update in log.updates
+    )
+    return to_frame(UPDATES, rows)
+
+
+def _time_s(t_us: int) -> float | None:
+    """Return a time in seconds, or None if it is below 0 and so does not exist."""
+    return None if t_us < 0 else t_us / US
+
+
+def sensors_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
+    """Return one row per episode and sensor."""
+    names = world.services.names
+    rows = (
+        (
+            log.episode,
+            one.user,
+            names[one.service],
+            _mean_age_s(one, log.duration_us),
+            one.peaks_us / one.falls / US if one.falls else None,
+            one.age_us / US,
+            one.over_us / US if _is_limited(world, one) else None,
+            one.generated,
+            one.delivered,
+            one.dropped,
+            one.lost,
+        )
+        for log in logs
+        for one in log.sensors
+    )
+    return to_frame(SENSORS, rows)
 
 
 def _energy(log: EpisodeLog, requests: pd.DataFrame, of_all: bool) -> dict[str, float | None]:
@@ -296,6 +387,7 @@ def events_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     more = [*(CLASSES if any(log.links is not None for log in logs) else ())]
     more += OTHERS if any(log.apart is not None for log in logs) else ()
     more += BEGUN if world.services.several_stages else ()
+    more += NUMBERED if world.senses else ()
     rows = (
         (log.episode, t_us, int(phase), kind, *(None if i < 0 else i for i in concerned))
         for log in logs

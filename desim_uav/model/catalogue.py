@@ -18,9 +18,11 @@ from desim_uav.model.services import (
     PROCESSOR,
     SHARING,
     WAITING,
+    Collecting,
     Service,
     Stage,
     Terms,
+    collecting_of,
     terms_of,
 )
 from desim_uav.rowcode.kernels import rule
@@ -66,7 +68,8 @@ class Catalogue:
     ``share``: (services,), the cumulative probabilities of the mix. ``values``: (services, lists,
     longest), of which list k of service s has ``sizes[s, k]`` equally likely values; ``least`` and
     ``most`` (services, lists) are the range of what a demand model may ask for instead.
-    ``stages[s]`` are the stages of service s, as the fields of a ``StageRow``.
+    ``stages[s]`` are the stages of service s, as the fields of a ``StageRow``, and
+    ``collecting[s]`` says how its updates are kept, if sensors send them.
     """
 
     names: tuple[str, ...]
@@ -77,6 +80,7 @@ class Catalogue:
     most: NDArray[np.int64]
     stages: tuple[tuple[tuple[int, ...], ...], ...]
     terms: tuple[Terms, ...]
+    collecting: tuple[Collecting | None, ...]
 
     @property
     def draws(self) -> int:
@@ -135,7 +139,8 @@ def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Cata
             multiplied = [amount, times] if times >= 0 else [amount] * (scale > 1)
             most[s, multiplied] = values[s, multiplied].max(axis=1)
     terms = tuple(map(terms_of, services.values()))
-    return Catalogue(names, share, sizes, values, least, most, stages, terms)
+    collecting = tuple(map(collecting_of, services.values()))
+    return Catalogue(names, share, sizes, values, least, most, stages, terms, collecting)
 
 
 def _stage_rows(service: Service) -> tuple[tuple[int, ...], ...]:

@@ -113,6 +113,7 @@ class Outcome(StrEnum):
     UNFINISHED = "unfinished"
     NEVER_SERVED = "never_served"
     LATE = "late"
+    DROPPED = "dropped"
 
 
 # Each mode is in AIRBORNE or in GROUNDED, unless the drone has crashed, and may be in the others.

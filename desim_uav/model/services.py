@@ -88,6 +88,33 @@ def terms_of(service: Any) -> Terms:
     return terms
 
 
+KEEPS = ("newest", "oldest", "last")
+"""Which updates a full buffer keeps."""
+NEWEST, OLDEST, LAST = range(len(KEEPS))
+
+MOST_BUFFERED = 100_000
+"""The largest number of updates that a buffer holds."""
+
+
+class Collecting(NamedTuple):
+    """How updates of a service are kept: the size of a buffer, what it keeps, and the age's limit.
+
+    ``keeps`` is the number of one of KEEPS; with LAST, a new update also replaces the one that is
+    being sent if it ``preempts``.
+    """
+
+    buffer: int
+    keeps: int
+    preempts: bool
+    limit_us: int | None
+
+
+def collecting_of(service: Any) -> Collecting | None:
+    """Return how updates of a service are kept; None if it is none that sensors send."""
+    keeps: Collecting | None = service.collecting() if hasattr(service, "collecting") else None
+    return keeps
+
+
 class Service(Protocol):
     """A service, as data: the stages of its requests, and lists of equally likely values.
 
@@ -201,12 +228,13 @@ def problems_of(service: Any) -> list[str]:
     return problems
 
 
-def _scaled(numbers: tuple[float, ...], factor: int) -> NDArray[np.int64]:
+def scaled(numbers: tuple[float, ...], factor: int) -> NDArray[np.int64]:
+    """Return numbers in units that are smaller by a factor, rounded."""
     return np.array([round(one * factor) for one in numbers], np.int64)
 
 
 def _bps(kbps: tuple[float, ...]) -> NDArray[np.int64]:
-    return _scaled(kbps, 1000)
+    return scaled(kbps, 1000)
 
 
 @register("service", "uniform_choice")
@@ -293,9 +321,9 @@ class Compute:
     def values(self) -> dict[str, NDArray[np.int64]]:
         """Return the sizes in bits, and the cycles per bit in thousandths."""
         return {
-            "input_mbit": _scaled(self.input_mbit, 10**6),
-            "cycles_per_bit": _scaled(self.cycles_per_bit, 1000),
-            "output_mbit": _scaled(self.output_mbit, 10**6),
+            "input_mbit": scaled(self.input_mbit, 10**6),
+            "cycles_per_bit": scaled(self.cycles_per_bit, 1000),
+            "output_mbit": scaled(self.output_mbit, 10**6),
             "bandwidth_kbps": _bps(self.bandwidth_kbps or (0,)),
         }
 

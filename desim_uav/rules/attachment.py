@@ -49,6 +49,8 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
             if served or user.request.line == SHARING:
                 scan_if_used(state, drone)
     state.attached_us += state.now_us - user.held_since_us
+    if state.keeps_sensors:
+        state.sensors[user.index].attached_us += state.now_us - user.held_since_us
     state.attached_from_us -= user.held_since_us
     user.holder = -1
     if state.keeps_links:

@@ -30,6 +30,7 @@ from desim_uav.rules.service import forget_request
 from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
 from desim_uav.rules.tasks import forget_task
+from desim_uav.rules.updates import end_sensors, forget_sensor
 from desim_uav.rules.walks import look_anew
 from desim_uav.rules.wide import clear
 
@@ -133,13 +134,15 @@ def _forget(state: State) -> None:
     clear(state.bandwidth_us_hz)
     state.handed_over = state.ping_pongs = state.outages = state.outage_us = 0
     state.closed_qoe1 = state.distance_m = 0.0
-    state.retunes = 0
+    state.retunes = state.generated = 0
+    state.aged = 0.0
     state.loose.clear()
     state.unsettled.clear()
     state.crashed.clear()
     state.events.clear()
     state.closed.clear()
     state.handovers.clear()
+    state.updates.clear()
     state.flown.clear()
     for service in range(len(state.open_requests)):
         state.open_requests[service] = 0
@@ -164,6 +167,8 @@ def _forget(state: State) -> None:
             forget_links(state, user)
         if state.keeps_tasks:
             forget_task(state, user)
+        if state.keeps_sensors:
+            forget_sensor(state, user)
     nothing_due(state)
 
 
@@ -280,6 +285,8 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
     for u in range(len(state.users)):
         state.users[u].doing = doing(state.users[u])
     close_all(world, path, state)
+    if state.keeps_sensors:
+        end_sensors(world, state)
     leave_all(state, words.RECORD)
     if world.separation_m > 0.0:
         end_pairs(world, state)

@@ -26,6 +26,7 @@ from desim_uav.rules.tasks import (
     part_offloaded,
     progress_of,
 )
+from desim_uav.rules.updates import is_sensor, receive, take_update
 
 
 @rule
@@ -46,6 +47,9 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
     user.next_ask = number + 1
     if not path.follows[user.index]:
         foresee_request(world, path, state, user, 0)
+    if is_sensor(state, user):
+        take_update(world, path, state, user, number)
+        return
     if user.request.number >= 0:
         state.suppressed += 1
         return
@@ -79,6 +83,8 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
         user.request.line = NOWHERE
     else:
         close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
+        if is_sensor(state, user):
+            receive(world, state, drone, user)
     _divide_anew(world, path, state, drone)
 
 

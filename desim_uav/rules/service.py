@@ -264,17 +264,23 @@ def forget_request(request: Request) -> None:
 @rule
 def open_request(world: Constants, path: Path, state: State, user: User, number: int) -> None:
     """Open a user's request as row ``number`` of the sample path's requests describes it."""
-    service, request, now_us = path.services[number], user.request, state.now_us
+    user.request.service = path.services[number]
+    draw_values(world, path, user.request, number)
+    begin_request(world, state, user, state.now_us)
+
+
+@rule
+def begin_request(world: Constants, state: State, user: User, t_request_us: int) -> None:
+    """Begin to keep a user's request, of which service and values are known already."""
+    request = user.request
     request.number = state.opened
-    request.service = service
-    draw_values(world, path, request, number)
-    request.t_request_us = now_us
+    request.t_request_us = t_request_us
     request.queued = request.served_us = request.attached_us = request.interruptions = 0
     request.t_first_us = request.started_us = request.stopped_us = -1
     request.server = request.last_server = -1
     state.opened += 1
-    state.open_us -= now_us
-    state.open_requests[service] += 1
+    state.open_us -= t_request_us
+    state.open_requests[request.service] += 1
     count_asking(state, user, 1)
     if state.keeps_links:
         begin_outage(state, user, words.REQUEST)

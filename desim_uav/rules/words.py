@@ -46,6 +46,7 @@ EVENT_KINDS = (
     *("class", "handover", "ping_pong", "outage", "outage_end"),
     *("conflict", "clear"),
     *("stage", "late", "compute", "computed"),
+    *("generate", "drop", "deliver", "lose"),
 )
 """The names of the kinds of events by number; the next number, ON_LEG, is for ``note_leg``."""
 
@@ -91,11 +92,22 @@ LEADS_TO = {
     ON_LATE,
     ON_COMPUTE,
     ON_COMPUTED,
+    ON_GENERATE,
+    ON_DROP,
+    ON_DELIVER,
+    ON_LOSE,
     ON_LEG,
 ) = range(len(EVENT_KINDS) + 1)
 
 OF_PAIRS = (ON_CONFLICT, ON_CLEAR)
 """The kinds of events of two drones."""
+
+OF_UPDATES = (ON_GENERATE, ON_DROP, ON_DELIVER, ON_LOSE)
+"""The kinds of events of updates, whose numbers are in the place of a station."""
+
+DELIVERED, DROPPED, LOST_IN_CRASH, BUFFERED, STORED = range(5)
+FATES = ("delivered", "dropped", "lost", "buffered", "stored")
+"""What becomes of updates: at the end of an episode, some are in a buffer or in a drone's store."""
 
 OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST, UNFINISHED, NO_SHARE = 1, 2, 4, 8, 16, 32
 """The flags of ``State.faults``: something did not fit in memory; a reward was too large or not a

@@ -26,6 +26,7 @@ from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
+from desim_uav.scenario.sensors import only_sensors_send_updates, sensors_find_their_service
 from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.service_checks import (
     processors_draw_from_energy,
@@ -332,6 +333,8 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     the_reward_names_services,
     times_are_whole_microseconds,
     stages_can_be_served,
+    sensors_find_their_service,
+    only_sensors_send_updates,
     tasks_find_processors,
     users_can_compute,
     processors_draw_from_energy,

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
+from desim_uav.model.demand.demand import drawn_by
 from desim_uav.model.mobility.walks import Area
 from desim_uav.model.services import Service, amount_of, rate_of
 from desim_uav.scenario.drones import flies_freely
@@ -153,12 +154,13 @@ def _draws_and_requests(scenario: Scenario, most_bps: int) -> tuple[float, float
     """
     steps, draws, requests = scenario.episode.steps, 0.0, 0.0
     for users, demand in zip(scenario.user_groups, scenario.demands, strict=True):
-        draws_of, own = getattr(demand, "expected_draws", None), float(users.count * steps)
+        law = drawn_by(demand, scenario.services)
+        draws_of, own = getattr(law, "expected_draws", None), float(users.count * steps)
         if draws_of:
             required_s = _required_s(scenario, demand, most_bps)
             own = draws_of(users.count, required_s, steps * scenario.episode.step_s)
         draws += own
-        requests += (1.0 - getattr(demand, "none", 0.0)) * own
+        requests += (1.0 - getattr(law, "none", 0.0)) * own
     return draws, requests
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from desim_uav.errors import notice
 from desim_uav.model.demand.demand import Trace as RequestTrace
+from desim_uav.model.demand.demand import drawn_by
 from desim_uav.model.geometry.extents import extent_of, like_degrees
 from desim_uav.model.mobility.walks import Area
 from desim_uav.model.rules import US
@@ -111,7 +112,7 @@ def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
         for doubt in own(users.count, Area(*scenario.map.size_m), horizon_s) if own else ():
             yield f"{_text_of(path)}.mobility: {doubt}"
     for key, demand, counts in scenario.asking:
-        own = getattr(demand, "doubts", None)
+        own = getattr(drawn_by(demand, scenario.services), "doubts", None)
         for doubt in own(sum(counts), horizon_s) if own else ():
             yield f"{_text_of(key)}: {doubt}"
 

@@ -8,7 +8,7 @@ from desim_uav import registry
 from desim_uav.model.admission import Admission
 from desim_uav.model.association import Association
 from desim_uav.model.decisions import Decisions
-from desim_uav.model.demand.demand import Demand
+from desim_uav.model.demand.demand import Demand, Sensed
 from desim_uav.model.energy.battery import Energy
 from desim_uav.model.energy.charging import Charging
 from desim_uav.model.mobility.mobility import Mobility
@@ -29,7 +29,7 @@ BATTERY = Slot("battery", "endurance", Energy)
 CHARGING = Slot("charging", "constant", Charging)
 ADMISSION = Slot("admission", "first_come", Admission)
 MOBILITY = Slot("mobility", "random_walk", Mobility)
-DEMAND = Slot("demand", "dynamic", Demand)
+DEMAND = Slot("demand", "dynamic", Demand | Sensed)
 REWARD = Slot("reward", "multi_service", Reward)
 OBSERVATION = Slot("observation", "position", Encoding)
 RADIO = Slot("radio", "disc", Radio)

@@ -542,7 +542,8 @@ def test_the_json_schema_names_components_and_plug_ins() -> None:
     assert set(schema["properties"]) == set(Scenario.model_fields)
     forms = schema["properties"]["demand"]["anyOf"]
     titles = [form["title"] for form in forms]
-    assert titles == ["continuous", "static", "dynamic", "poisson", "trace", "profile", "plug-in"]
+    kinds = ["continuous", "static", "dynamic", "poisson", "trace", "sensing", "profile"]
+    assert titles == [*kinds, "plug-in"]
     poisson = forms[3]
     assert poisson["required"] == ["kind", "rate_per_hour"]
     assert poisson["additionalProperties"] is False

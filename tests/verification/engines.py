@@ -59,7 +59,7 @@ def differences(one: Engine, other: Engine, seed: int, episode: int) -> list[str
         shown, seen = one.step(commands), other.step(commands)
     logs = [(log, [row(r) for r in log.requests]) for log in (one.log, other.log)]
     (log, requests), (others, others_requests) = logs
-    names = ("events", "legs", "steps", *SUMS)
+    names = ("events", "legs", "steps", "updates", "sensors", *SUMS)
     unlike += [name for name in names if getattr(log, name) != getattr(others, name)]
     unlike += ["requests"] * (requests != others_requests)
     return unlike + ["carried"] * (one.carried() != other.carried())

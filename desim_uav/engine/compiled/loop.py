@@ -53,6 +53,7 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
         state.events.clear()
         state.closed.clear()
         state.handovers.clear()
+        state.updates.clear()
         state.flown.clear()
         command(world, path, state)
     _run_before(world, path, state, key(RESPAWN if what == RESET else RECORD, -1, -1))
@@ -111,6 +112,7 @@ def _overrun(state: State) -> int:
         | state.events.overrun
         | state.closed.overrun
         | state.handovers.overrun
+        | state.updates.overrun
         | state.flown.overrun
     )
     for d in range(len(state.senders)):

@@ -178,6 +178,7 @@ class Simulation(Engine):
         state.events.clear()
         state.closed.clear()
         state.handovers.clear()
+        state.updates.clear()
         state.flown.clear()
         hear(world, self.own_path, state)
         self._processes.tell()

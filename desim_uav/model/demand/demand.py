@@ -52,6 +52,23 @@ class Demand(Protocol):
         """
 
 
+class Sensed(Protocol):
+    """A demand whose users are sensors: they send the updates of a service."""
+
+    def law(self, services: Mapping[str, Any]) -> Demand:
+        """Return the demand model that draws the updates, given the services by name."""
+
+
+def is_sensed(demand: object) -> bool:
+    """Return whether users of this demand are sensors (see ``Sensed``)."""
+    return hasattr(demand, "law")
+
+
+def drawn_by(demand: Any, services: Mapping[str, Any]) -> Any:
+    """Return the demand model that draws the requests, or the updates, of a demand's users."""
+    return demand.law(services) if is_sensed(demand) else demand
+
+
 MixWeight = Annotated[float, Ge(0)]
 Nothing = Annotated[float, Ge(0), Le(0.999)]
 """The probability that a draw asks for nothing: rarely enough that the draws come to an end."""

@@ -90,11 +90,11 @@ class _Draws:
 
         Recorded requests are not known before they are made, so none are expected.
         """
-        if not getattr(group.demand, "draws", True):
+        if not getattr(group.law, "draws", True):
             none = np.zeros((0, DRAWN + group.services.draws), np.int64)
             return Requests(none, np.zeros(group.count + 1, np.int64), True)
         streams = self._streams(REQUESTS).beginning(group.first_stream)
-        onward = from_now(group.demand, self.step * self.world.step_us)
+        onward = from_now(group.law, self.step * self.world.step_us)
         own = onward.requests(group.count, group.services, streams, self.world.horizon_us)
         return _without_first(own) if follows else own
 

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from desim_uav.errors import PolicyError
-from desim_uav.qoe import LATE, OUTCOMES
+from desim_uav.qoe import DROPPED, LATE, OUTCOMES
 from desim_uav.report.figures.style import FAIR, NARROW, Figure, headed, look, short, styled
 from desim_uav.report.figures.visits import counted_episodes
 from desim_uav.report.run import Run, opened
@@ -21,6 +21,7 @@ BARS: dict[str, dict[str, Any]] = {
     "unfinished": {"facecolor": FAIR, "hatch": "////", "edgecolor": "0.35"},
     "never_served": {"facecolor": "#D55E00", "hatch": "....", "edgecolor": "black"},
     LATE: {"facecolor": "#CC79A7", "hatch": "xxxx", "edgecolor": "black"},
+    DROPPED: {"facecolor": "#F0E442", "hatch": "\\\\", "edgecolor": "black"},
 }
 
 
@@ -75,7 +76,7 @@ def _of(requests: pd.DataFrame, service: str) -> pd.DataFrame:
 def _draw_outcomes(axes: Axes, requests: pd.DataFrame, services: list[str]) -> None:
     """Draw a bar per service, in percent of its requests; large parts show their number."""
     counts = pd.crosstab(requests["service"], requests["outcome"])
-    outcomes = (*OUTCOMES, LATE) if LATE in counts else OUTCOMES
+    outcomes = (*OUTCOMES, *(outcome for outcome in (LATE, DROPPED) if outcome in counts))
     counts = counts.reindex(index=services, columns=outcomes, fill_value=0)
     shares = 100 * counts.div(counts.sum(axis=1), axis=0)
     left = np.zeros(len(services))

@@ -14,6 +14,7 @@ from desim_uav.rules.rows.constants import (
     RadioRow,
     TermsRow,
     TypeRow,
+    UpdatesRow,
 )
 from desim_uav.rules.rows.drones import (
     Begun,
@@ -34,8 +35,25 @@ from desim_uav.rules.rows.flights import (
     SpaceRow,
     WaysRow,
 )
-from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
+from desim_uav.rules.rows.logs import (
+    Closed,
+    EventRow,
+    FlownRow,
+    Handover,
+    PointRecord,
+    Record,
+    UpdateRow,
+)
 from desim_uav.rules.rows.sample_path import Path
-from desim_uav.rules.rows.state import LookRow, State, Wide
-from desim_uav.rules.rows.users import Request, Spot, Task, User, UserLinks
+from desim_uav.rules.rows.state import LookRow, State
+from desim_uav.rules.rows.users import (
+    Request,
+    Sensor,
+    Spot,
+    Task,
+    Update,
+    User,
+    UserLinks,
+    Wide,
+)
 from desim_uav.sky.rows import Change, PieceRow, TransitRow

@@ -60,6 +60,18 @@ class TermsRow(Row):
 
 
 @row
+class UpdatesRow(Row):
+    """What holds for the updates of a service (see ``services.Collecting``; NEVER: no limit).
+
+    ``keeps`` is one of ``services.KEEPS``, by its number.
+    """
+
+    keeps: int
+    preempts: int
+    limit_us: int
+
+
+@row
 class PointRow(Row):
     """The position of the antenna of a ground access point, in metres."""
 
@@ -113,7 +125,9 @@ class Constants(Row):
     cell to cell. Types that fly freely have no moves, and do not use them. ``radios`` are those of
     the types of drones, and then those of the access points ``points``; ``processors`` are theirs
     in the same order, ``terms`` those of the services, and ``clocks`` those of the users' own
-    processors (0: none), if there are tasks. Rewards divide users among ``sharers``: the drones,
+    processors (0: none), if there are tasks. ``senses`` are the services whose updates users take
+    as sensors (-1: none), and ``updates`` says what holds for those of each service, if there are
+    sensors. Rewards divide users among ``sharers``: the drones,
     and the access points that count. The stages of service s are ``stages`` from number
     ``first_stages[s]`` on; a request draws ``draws`` values for them. ``expected_requests`` is the
     number of requests of an episode if all are served at once (see ``scenario.cost``). Senders of
@@ -172,6 +186,8 @@ class Constants(Row):
     processors: Table[ProcessorRow]
     terms: Table[TermsRow]
     clocks: Table[int]
+    senses: Table[int]
+    updates: Table[UpdatesRow]
     points: Table[PointRow]
     draws: int
     first_stages: Table[int]

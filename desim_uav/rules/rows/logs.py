@@ -68,7 +68,7 @@ class EventRow(Row):
     """An entry of the event log, which is an event or a leg (see ``note_leg``).
 
     An event of two drones (``words.OF_PAIRS``) has the other one in the place of ``user``.
-    The beginning of a stage has its number in the place of ``station``.
+    The beginning of a stage has its number in the place of ``station``, and so has an update.
     ``link_class`` is the new class of the link between ``drone`` and ``user``, if that has changed.
     """
 
@@ -115,6 +115,28 @@ class Closed(Row):
     part: float
     own_us: int
     own_share: float
+
+
+@row
+class UpdateRow(Row):
+    """An update of a sensor whose ``fate`` is known at ``ended_us`` (see ``words.FATES``).
+
+    Its delivery has lowered the user's age from ``before_us`` to ``after_us`` (-1: it has not been
+    delivered). The other fields are those of ``Update``.
+    """
+
+    number: int
+    user: int
+    generated_us: int
+    size: int
+    request: int
+    sent_us: int
+    received_us: int
+    drone: int
+    fate: int
+    ended_us: int
+    before_us: int
+    after_us: int
 
 
 @row

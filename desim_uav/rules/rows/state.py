@@ -5,8 +5,16 @@ from __future__ import annotations
 from desim_uav.model.mobility.walks import Walking
 from desim_uav.rowcode.rows import Int16, Int32, Queue, Row, Table, row
 from desim_uav.rules.rows.drones import Begun, Drone, ObservationRow, Pair, Station
-from desim_uav.rules.rows.logs import Closed, EventRow, FlownRow, Handover, PointRecord, Record
-from desim_uav.rules.rows.users import Spot, Task, User, UserLinks
+from desim_uav.rules.rows.logs import (
+    Closed,
+    EventRow,
+    FlownRow,
+    Handover,
+    PointRecord,
+    Record,
+    UpdateRow,
+)
+from desim_uav.rules.rows.users import Sensor, Spot, Task, User, UserLinks, Wide
 from desim_uav.sky.rows import Sky
 
 
@@ -21,14 +29,6 @@ class LookRow(Row):
     walked_us: int
     stand: int
     walking: Walking
-
-
-@row
-class Wide(Row):
-    """A whole number from 0 on in two words: ``high`` * 2^62 + ``low`` (see ``rules.wide``)."""
-
-    high: int
-    low: int
 
 
 @row
@@ -49,7 +49,9 @@ class State(Row):
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
     the time in outages that have ended, and ``links`` are those of its users; else there are none
     (see ``rules.links``). If it ``keeps_tasks``, ``tasks`` are those of its users (see
-    ``rules.tasks``). If drones have to keep a distance,
+    ``rules.tasks``). If it ``keeps_sensors``, ``sensors`` are those of its users, which have taken
+    ``generated`` updates; ``aged`` sums twice the integrals of their ages, in µs^2, since the
+    decision epoch. If drones have to keep a distance,
     ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
     ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the least
     distance in the windows that have ended. At
@@ -91,6 +93,9 @@ class State(Row):
     keeps_links: int
     keeps_credit: int
     keeps_tasks: int
+    keeps_sensors: int
+    generated: int
+    aged: float
     handed_over: int
     ping_pongs: int
     outages: int
@@ -105,6 +110,7 @@ class State(Row):
     users: Table[User]
     links: Table[UserLinks]
     tasks: Table[Task]
+    sensors: Table[Sensor]
     stations: Table[Station]
     loose: Queue[Int32]
     unsettled: Queue[Int32]
@@ -126,6 +132,7 @@ class State(Row):
     events: Queue[EventRow]
     closed: Queue[Closed]
     handovers: Queue[Handover]
+    updates: Queue[UpdateRow]
     look: LookRow
     sky: Sky
     slot_times: Table[int]

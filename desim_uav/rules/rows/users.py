@@ -6,6 +6,14 @@ from desim_uav.rowcode.rows import Int16, Int32, Row, Table, row
 
 
 @row
+class Wide(Row):
+    """A whole number from 0 on in two words: ``high`` * 2^62 + ``low`` (see ``rules.wide``)."""
+
+    high: int
+    low: int
+
+
+@row
 class Request(Row):
     """The open request of a user; ``number`` is -1 if there is none.
 
@@ -95,6 +103,56 @@ class Task(Row):
     sending_us: int
     uplink_us: int
     computing_us: int
+
+
+@row
+class Update(Row):
+    """An update of a sensor, by its ``number`` in the episode (-1: there is none).
+
+    Sensor ``user`` has taken it at ``generated_us``, when the user had been attached for
+    ``attached_us`` in the episode. It has a ``size``, and holds the rate ``bps`` if any: the values
+    that its request draws. Its ``request`` has been opened, or not yet (-1). It has been sent from
+    ``sent_us`` on, and ``drone`` has received it at ``received_us``.
+    """
+
+    number: int
+    user: int
+    generated_us: int
+    attached_us: int
+    size: int
+    bps: int
+    request: int
+    sent_us: int
+    received_us: int
+    drone: int
+
+
+@row
+class Sensor(Row):
+    """What is kept of a user as a sensor (see ``rules.updates``); other users have an empty buffer.
+
+    ``buffer`` has memory for one update more than the buffer holds; there are ``count`` of them,
+    from number ``first`` on and then from the beginning. ``fresh_us`` is when the freshest update
+    that has been delivered was taken. Its age has been counted until ``since_us``: twice its
+    integral in ``area_us2``, the sum of the ages just before ``falls`` times at which it fell in
+    ``peaks_us``, and the time for which it was above the limit in ``over_us``. The others count its
+    updates. ``attached_us`` is how long the user has been attached, without the present attachment.
+    """
+
+    buffer: Table[Update]
+    first: Int32
+    count: Int32
+    fresh_us: int
+    since_us: int
+    area_us2: Wide
+    peaks_us: Wide
+    falls: int
+    over_us: int
+    generated: int
+    delivered: int
+    dropped: int
+    lost: int
+    attached_us: int
 
 
 @row

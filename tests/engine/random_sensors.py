@@ -1,0 +1,50 @@
+"""Random scenarios of everything at once, in which a group of users or two are sensors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from desim_uav.world import World
+from tests.engine import random_groups
+from tests.engine.random_parts import Dice, accepted
+
+
+def scenario(seed: int) -> dict[str, Any]:
+    """A scenario of ``random_groups``, whose last groups are sensors."""
+    made, dice = random_groups.scenario(seed), Dice(seed + 1_300_000)
+    senders = [*made["drones"], *made["access_points"]]
+    held = any(each.get("radio", {}).get("sharing", "held") == "held" for each in senders)
+    if "mix" not in made["demand"] and made["demand"]["kind"] != "continuous":
+        made["demand"]["mix"] = dict.fromkeys(made["services"], 1)
+    for number in range(dice.of(1, 1, 2)):
+        name = f"reading{number}"
+        group = dict(made["users"][-1]) | {"name": f"meters{number}", "count": dice.of(1, 3, 8)}
+        group["demand"] = {"kind": "sensing", "service": name}
+        made["users"].append(group)
+        made["services"] = {**made["services"], name: updates(dice, held)}
+    if dice.of(True, False, False):
+        made["users"] = made["users"][-2:]
+    return made
+
+
+def updates(dice: Dice, held: bool) -> dict[str, Any]:
+    """A service whose updates sensors send."""
+    last = {"keeps": "last", "preempt": dice.of(True, False)}
+    return {
+        "kind": "collect",
+        "updates": dice.of(
+            {"kind": "poisson", "mean_s": dice.of(2.5, 20, 90)},
+            {"kind": "periodic", "every_s": dice.of(5, 30.25)},
+            {"kind": "periodic", "every_s": 15, "offset": 0},
+        ),
+        "size_mbit": dice.of([0.02, 0.5], [2], [0.3, 6]),
+        "buffer": dice.of(1, 2, 3, 10),
+        "age_limit_s": dice.of(None, 20, 75),
+        **dice.of({"keeps": "newest"}, {"keeps": "oldest"}, last),
+        **({"bandwidth_kbps": [150, 600]} if held else {}),
+    }
+
+
+def world_of(seed: int) -> World:
+    """The world of a random scenario with sensors."""
+    return accepted(scenario, seed)

@@ -1,0 +1,202 @@
+"""Sensors, worked by hand: what their buffers keep, when updates are delivered, how old they are.
+
+The drone has 1 MHz; users at ``FAR`` get 1 bit/s/Hz, so that a Mbit takes a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pytest
+
+from desim_uav.engine.base import EpisodeLog
+from desim_uav.experiment import tables
+from desim_uav.model.rules import Outcome
+from desim_uav.rules.words import FATES
+from desim_uav.scenario.load import from_mapping
+from desim_uav.world import World, build_world
+from tests.engine.helpers import Ask, fly, path_of, radio, seen
+from tests.engine.test_offloading import AWAY
+from tests.engine.test_transfers import FAR
+
+pytestmark = pytest.mark.usefixtures("every_engine")
+
+US = 10**6
+KINDS = ("request", "generate", "drop", "deliver", "complete", "serve", "stop", "close")
+
+
+def world_of(
+    users: Sequence[tuple[float, float]] = (FAR,), sharing: str = "max_rate", **service: Any
+) -> World:
+    reading = {
+        "kind": "collect",
+        "updates": {"kind": "poisson", "mean_s": 60},
+        "size_mbit": [1],
+        **service,
+    }
+    scenario = {
+        "map": {"size_m": [600, 700], "cells": [1, 1], "dimensions": 2},
+        "drones": {"count": 1, "radio": radio(sharing=sharing), "battery": None},
+        "stations": {"count": 0},
+        "users": {"positions_m": users, "mobility": {"kind": "static"}},
+        "services": {"reading": reading},
+        "demand": {"kind": "sensing", "service": "reading"},
+        "reward": {"kind": "coverage_battery"},
+        "episode": {"steps": 2, "step_s": 10},
+    }
+    return build_world(from_mapping(scenario), 0)
+
+
+def taken(at_s: float, mbit: float = 1.0) -> Ask:
+    """An update that is taken at a time, and its size."""
+    return (at_s, 0.0, 0.0, 0, round(mbit * 1e12), 0)
+
+
+def log_of(world: World, updates: Mapping[int, Sequence[Ask]]) -> EpisodeLog:
+    return fly(world, path_of(world, updates))
+
+
+def of_updates(log: EpisodeLog) -> list[tuple[Any, ...]]:
+    """The events as (seconds, kind, drone, user, request, update)."""
+    return [(e[0] / US, e[2], *e[3:6], e[-1]) for e in seen(log, *KINDS)]
+
+
+def fates(log: EpisodeLog) -> list[tuple[str, float]]:
+    """What became of each update, and when."""
+    assert [one.number for one in log.updates] == list(range(len(log.updates)))
+    return [(FATES[one.fate], one.ended_us / US) for one in log.updates]
+
+
+def test_updates_are_sent_one_after_the_other() -> None:
+    """Updates at 1 and 1.5 s are delivered at 2 and 3 s; the age is 2 s before either."""
+    log = log_of(world_of(age_limit_s=10), {0: [taken(1), taken(1.5)]})
+    assert of_updates(log) == [
+        (1.0, "generate", -1, 0, -1, 0),
+        (1.0, "request", -1, 0, 0, -1),
+        (1.0, "serve", 0, 0, 0, -1),
+        (1.5, "generate", -1, 0, -1, 1),
+        (2.0, "stop", 0, 0, 0, -1),
+        (2.0, "complete", 0, 0, 0, -1),
+        (2.0, "deliver", 0, 0, -1, 0),
+        (2.0, "request", -1, 0, 1, -1),
+        (2.0, "serve", 0, 0, 1, -1),
+        (3.0, "stop", 0, 0, 1, -1),
+        (3.0, "complete", 0, 0, 1, -1),
+        (3.0, "deliver", 0, 0, -1, 1),
+    ]
+    first, second = log.updates
+    assert (first.before_us, first.after_us) == (2 * US, 1 * US)
+    assert (second.before_us, second.after_us) == (2 * US, 1_500_000)
+    assert (second.sent_us, second.received_us, second.drone) == (2 * US, 3 * US, 0)
+    (sensor,) = log.sensors
+    assert sensor.area_us2 == 2 * (2 + 1.5 + 17 * (1.5 + 18.5) / 2) * US * US
+    assert (sensor.peaks_us, sensor.falls, sensor.age_us) == (4 * US, 2, 18_500_000)
+    assert sensor.over_us == 8_500_000
+    assert (sensor.generated, sensor.delivered, sensor.dropped, sensor.lost) == (2, 2, 0, 0)
+
+
+def test_the_tables_have_the_ages_in_seconds() -> None:
+    world = world_of(users=(FAR, AWAY), age_limit_s=10)
+    log = log_of(world, {0: [taken(1), taken(1.5)], 1: [taken(0.5)]})
+    requests = tables.requests_table([log], world)
+    assert requests["t_request_s"].tolist() == [0.5, 1.0, 1.5]
+    assert requests["attached_s"].tolist() == [0.0, 1.0, 1.5]
+    assert requests["wait_s"].tolist() == [19.5, 0.0, 0.5]
+    (episode,) = tables.episodes_table([log], world, requests).to_dict("records")
+    assert episode["age_s"] == (173.5 / 20 + 10) / 2
+    assert (episode["peak_age_s"], episode["worst_age_s"]) == (2.0, 10.0)
+    assert (episode["updates"], episode["updates_delivered"]) == (3, 2)
+    assert (episode["updates_dropped"], episode["updates_lost"]) == (0, 0)
+    assert episode["age_violation_s"] == 8.5 + 10.0
+    near, away = tables.sensors_table([log], world).to_dict("records")
+    assert (near["age_s"], near["peak_age_s"], near["age_end_s"]) == (173.5 / 20, 2.0, 18.5)
+    assert (away["age_s"], away["age_end_s"], away["violation_s"]) == (10.0, 20.0, 10.0)
+    assert away["peak_age_s"] != away["peak_age_s"]
+    updates = tables.updates_table([log], world)
+    assert updates["fate"].tolist() == ["buffered", "delivered", "delivered"]
+    assert updates["request_id"].tolist() == [0, 1, 2]
+    assert updates["size_mbit"].tolist() == [1.0, 1.0, 1.0]
+    assert updates["t_delivered_s"].tolist()[1:] == [2.0, 3.0]
+
+
+UPDATES = [taken(1), taken(1.2), taken(1.4), taken(1.6)]
+"""Four updates, the last three of which are taken while the first one is sent, until 2 s."""
+
+
+@pytest.mark.parametrize(
+    ("service", "expected"),
+    [
+        ({"buffer": 10}, "delivered 2 delivered 3 delivered 4 delivered 5"),
+        (
+            {"buffer": 2, "keeps": "newest"},
+            "delivered 2 dropped 1.4 dropped 1.6 delivered 3",
+        ),
+        (
+            {"buffer": 2, "keeps": "oldest"},
+            "delivered 2 delivered 3 dropped 1.4 dropped 1.6",
+        ),
+        ({"buffer": 1, "keeps": "newest"}, "delivered 2 dropped 1.2 dropped 1.4 dropped 1.6"),
+        ({"buffer": 1, "keeps": "oldest"}, "delivered 2 dropped 1.2 dropped 1.4 dropped 1.6"),
+        ({"buffer": 9, "keeps": "last"}, "delivered 2 dropped 1.4 dropped 1.6 delivered 3"),
+        (
+            {"buffer": 9, "keeps": "last", "preempt": True},
+            "dropped 1.2 dropped 1.4 dropped 1.6 delivered 2.6",
+        ),
+        (
+            {"buffer": 1, "keeps": "last", "preempt": True},
+            "dropped 1.2 dropped 1.4 dropped 1.6 delivered 2.6",
+        ),
+        (
+            {"buffer": 3, "keeps": "newest"},
+            "delivered 2 dropped 1.6 delivered 3 delivered 4",
+        ),
+    ],
+)
+def test_a_full_buffer(service: dict[str, Any], expected: str) -> None:
+    words = expected.split()
+    log = log_of(world_of(**service), {0: UPDATES})
+    assert fates(log) == [(fate, float(t)) for fate, t in zip(words[::2], words[1::2], strict=True)]
+
+
+def test_an_update_that_is_replaced_while_it_is_sent_closes_its_request() -> None:
+    log = log_of(world_of(keeps="last", preempt=True), {0: [taken(1), taken(1.25)]})
+    assert of_updates(log)[2:7] == [
+        (1.0, "serve", 0, 0, 0, -1),
+        (1.25, "generate", -1, 0, -1, 1),
+        (1.25, "request", -1, 0, 1, -1),
+        (1.25, "stop", 0, 0, 0, -1),
+        (1.25, "drop", 0, 0, 0, 0),
+    ]
+    one, two = log.requests
+    assert (one.outcome, one.t_end_us) == (Outcome.DROPPED, 1_250_000)
+    assert one.sent_ubit == 25 * 10**10
+    assert (two.outcome, two.t_end_us) == (Outcome.COMPLETED, 2_250_000)
+    assert log.updates[0].sent_us == 1 * US
+    assert log.updates[0].received_us == -1
+
+
+@pytest.mark.parametrize(("keeps", "kept"), [("newest", [2, 3]), ("oldest", [0, 1]), ("last", [3])])
+def test_who_is_out_of_reach_keeps_what_fits(keeps: str, kept: list[int]) -> None:
+    log = log_of(world_of(users=(AWAY,), buffer=2, keeps=keeps), {0: UPDATES})
+    assert [one.number for one in log.updates if FATES[one.fate] == "buffered"] == kept
+    closed = [one.outcome for one in log.requests]
+    assert closed == [Outcome.DROPPED] * (len(closed) - 1) + [Outcome.NEVER_SERVED]
+    (sensor,) = log.sensors
+    assert (sensor.area_us2, sensor.falls) == (400 * US * US, 0)
+    assert (sensor.generated, sensor.dropped) == (4, 4 - len(kept))
+
+
+def test_sensors_of_a_drone_are_served_in_the_order_of_their_updates() -> None:
+    """Sensor 1 takes its second update before sensor 0 takes any, so that this comes last."""
+    log = log_of(world_of(users=(FAR, FAR)), {0: [taken(1.4)], 1: [taken(1), taken(1.2)]})
+    assert fates(log) == [("delivered", 2.0), ("delivered", 3.0), ("delivered", 4.0)]
+    assert [one.user for one in log.updates] == [1, 1, 0]
+
+
+def test_sizes_and_shares_of_updates() -> None:
+    """Two sensors share the bandwidth equally: 2 Mbit of one and 0.5 of the other."""
+    log = log_of(
+        world_of(users=(FAR, FAR), sharing="equal"), {0: [taken(0, 2)], 1: [taken(0, 0.5)]}
+    )
+    assert fates(log) == [("delivered", 2.5), ("delivered", 1.0)]
