@@ -1,18 +1,23 @@
 """Ages recomputed from the table of updates alone, and compared with all that is said of them.
 
-Nothing here is shared with the simulator. Times are whole microseconds; sums of areas are whole
-numbers of half square microseconds, so means are exact but for one division.
+Nothing that computes here is shared with the simulator. Times are whole microseconds; sums of areas
+are whole numbers of half square microseconds, so means are exact but for one division.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import pandas as pd
+
+from desim_uav.engine.base import EpisodeLog
+from desim_uav.experiment import tables
+from desim_uav.scenario.load import to_plain
+from desim_uav.world import World
 
 US = 1_000_000
 DELIVERED, DROPPED, LOST, BUFFERED, STORED = "delivered", "dropped", "lost", "buffered", "stored"
@@ -73,8 +78,9 @@ def audit_updates(
     sensors: pd.DataFrame,
     episodes: pd.DataFrame,
     services: Mapping[str, Mapping[str, Any]],
+    requests: pd.DataFrame | None = None,
 ) -> None:
-    """Check the three tables of a run against each other. Raises AssertionError.
+    """Check the tables of a run against each other. Raises AssertionError.
 
     ``services`` are the keys of each service of the kind ``collect`` in the scenario.
     """
@@ -91,9 +97,20 @@ def audit_updates(
             keys = services[row["service"]]
             assert set(own[own["user"] == row["user"]]["service"]) <= {row["service"]}
             _times(mine, until)
-            _buffer(mine, keys, until)
+            _buffer(mine, keys)
             courses[row["user"]] = _sensor(mine, row, keys, until)
         _episode(episode, rows, courses, own)
+        if requests is not None:
+            _requests(own, requests[requests["episode"] == number], services)
+
+
+def audit_logs(logs: Sequence[EpisodeLog], world: World) -> None:
+    """Check all that logs say of sensors, by the tables that are made of them."""
+    requests = tables.requests_table(logs, world)
+    episodes = tables.episodes_table(logs, world, requests)
+    sensors, updates = tables.sensors_table(logs, world), tables.updates_table(logs, world)
+    keys = to_plain(world.scenario)["services"]
+    audit_updates(updates, sensors, episodes, keys, requests)
 
 
 def us(time_s: float) -> int:
@@ -146,7 +163,7 @@ def _times(mine: list[Update], until: int) -> None:
         assert one.ended == until or one.fate in (DELIVERED, DROPPED, LOST), one
 
 
-def _buffer(mine: list[Update], keys: Mapping[str, Any], until: int) -> None:
+def _buffer(mine: list[Update], keys: Mapping[str, Any]) -> None:
     """Updates wait in their order, never too many; one is dropped only as ``keeps`` says.
 
     At one instant, an update may leave the buffer before or after another one comes; both are
@@ -154,30 +171,46 @@ def _buffer(mine: list[Update], keys: Mapping[str, Any], until: int) -> None:
     """
     keeps, room = keys.get("keeps", "newest"), keys.get("buffer", 10)
     born = [one.generated for one in mine]
-    left = [one.received if one.received is not None else one.ended for one in mine]
+    left = [one.ended if one.received is None else one.received for one in mine]
+    gone, there = sorted(left), list[int]()
     received = [one.received for one in mine if one.received is not None]
-    if keeps != "last":
-        assert received == sorted(received), "overtaken"
+    assert keeps == "last" or received == sorted(received), "overtaken"
     for at, one in enumerate(mine):
-        there = [k for k in range(at) if left[k] > one.generated]
-        assert len(there) <= room - (one.fate != DROPPED or one.ended > one.generated), (
-            f"more than {room} updates in a buffer at {one.generated}"
-        )
+        there = [k for k in there if left[k] > one.generated]
+        at_once = one.fate == DROPPED and one.ended == one.generated
+        assert at_once or len(there) < room, f"more than {room} updates in a buffer: {one}"
+        there.append(at)
         if one.fate != DROPPED:
             continue
-        now = one.ended
-        arrivals = [k for k in range(bisect_left(born, now), bisect_right(born, now)) if k >= at]
-        assert arrivals, f"dropped when nothing came: {one}"
-        older = [k for k in range(at) if left[k] >= now or born[k] == now]
-        if keeps == "oldest":
-            assert now == one.generated and len(older) >= room, f"dropped with room left: {one}"
-        elif keeps == "newest" and now > one.generated:
-            full = [k for k in range(arrivals[0]) if left[k] >= now]
-            assert len(full) >= room, f"dropped with room left: {one}"
-            waits = one.sent is None or one.sent >= now
-            assert waits, f"dropped in transmission: {one}"
-        elif keeps == "last" and not keys.get("preempt", False):
-            assert one.sent is None or one.sent >= now, f"dropped in transmission: {one}"
+        now, last = one.ended, bisect_right(born, one.ended) - 1
+        assert last >= at and born[last] == now, f"dropped when nothing came: {one}"
+        before = (at if at_once else last) - bisect_left(gone, now)
+        unsent = one.sent is None or one.sent >= now
+        if keeps != "last":
+            assert before >= room, f"dropped with room left: {one}"
+            assert unsent and (at_once or keeps == "newest"), f"another one had to go: {one}"
+        else:
+            assert unsent or keys.get("preempt", False), f"dropped in transmission: {one}"
+
+
+def _requests(
+    own: pd.DataFrame, requests: pd.DataFrame, services: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """An update that was the first one in a buffer is a request; times and ends are the same."""
+    collected = {name for name, keys in services.items() if keys["kind"] == "collect"}
+    there = requests[requests["service"].isin(collected)]
+    asked = own[own["request_id"].notna()]
+    both = asked.merge(there, on="request_id", suffixes=("", "_of_request"))
+    assert len(both) == len(asked) == len(there), "updates and requests"
+    ends = {DROPPED: {"dropped"}, BUFFERED: {"unfinished", "never_served"}}
+    for one in both.to_dict("records"):
+        what = f"update {one['update']} and its request"
+        assert one["user"] == one["user_of_request"], what
+        assert one["t_generated_s"] == one["t_request_s"], what
+        _same(None if pd.isna(one["t_sent_s"]) else one["t_sent_s"], one["t_first_service_s"], what)
+        assert one["outcome"] in ends.get(one["fate"], {"completed"}), what
+        until = one["t_end_s"] if pd.isna(one["t_received_s"]) else one["t_received_s"]
+        assert until == one["t_end_s_of_request"], what
 
 
 def _sensor(

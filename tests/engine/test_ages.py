@@ -22,6 +22,13 @@ def test_another_queue_has_these_ages() -> None:
     check(ages.queues(20))
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("part", ["engines_are_equal", "curves", "visits"])
+def test_the_simulator_has_these_ages(part: str) -> None:
+    arguments = {"curves": (8, 1), "visits": (8,)}.get(part, ())
+    check(getattr(ages, part)(*arguments))
+
+
 @pytest.mark.parametrize(
     ("buffer", "expected"),
     [
@@ -118,7 +125,7 @@ def test_the_audit_knows_which_updates_a_buffer_keeps() -> None:
     for keys, what in (
         ({"buffer": 1}, "more than 1 updates"),
         ({"buffer": 3}, "dropped with room left"),
-        ({"keeps": "oldest"}, "dropped with room left"),
+        ({"keeps": "oldest"}, "another one had to go"),
     ):
         with pytest.raises(AssertionError, match=what):
             audit_updates(**tables(), services={"reading": SERVICES["reading"] | keys})

@@ -80,13 +80,13 @@ def update_or_wait(times: NDArray[np.float64]) -> tuple[float, float]:
     return float(found.fun), float(found.x)
 
 
-def visits(every: float, between: float, *, periodic: bool = False) -> float:
-    """A drone comes ``every`` so often and takes the newest update at once.
+def visits(every: float, between: float, stays: float = 0.0, *, periodic: bool = False) -> float:
+    """A drone comes ``every`` so often and takes the newest update at once, as long as it stays.
 
     Updates come at random, or with a period that has nothing to do with the visits, a mean time
-    ``between`` apart.
+    ``between`` apart. While the drone is there, the age is that of the newest update.
     """
-    return every / 2 + (between / 2 if periodic else between)
+    return (every - stays) ** 2 / (2 * every) + (between / 2 if periodic else between)
 
 
 def least(law: Callable[[float], float]) -> tuple[float, float]:
