@@ -22,6 +22,7 @@ from desim_uav.model.motion.planner import HOPS, Node, Planner
 from desim_uav.model.motion.space import Space, space_of
 from desim_uav.model.motion.wind import flown_along, motion_in, rest_in
 from desim_uav.model.rules import MOVES, US, Choice, actions, free_actions, kind_of
+from desim_uav.model.services import MICROBITS
 from desim_uav.scenario.drones import Drones, flies_freely
 from desim_uav.scenario.schema import Scenario
 
@@ -83,6 +84,12 @@ class DroneType(Unchanging):
     def drain_per_s(self) -> int:
         """How many units of its battery a drone takes in a second of hovering."""
         return drain_per_s_of(self.drones.battery, self.rest.side_mps)
+
+    @property
+    def store_ubit(self) -> int | None:
+        """What a drone's store holds, in millionths of a bit; None if it is not limited."""
+        store_mbit = self.drones.store_mbit
+        return None if store_mbit is None else round(store_mbit * MICROBITS)
 
     def hover_us(self, charge: int) -> int:
         """Return for how many microseconds of hovering a charge lasts."""

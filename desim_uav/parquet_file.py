@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from desim_uav.checksums import verify
+from desim_uav.columns import NULLABLE, Columns, arrow_schema, misfit
 from desim_uav.errors import PolicyError, did_you_mean
-from desim_uav.records import NULLABLE, TABLES, Columns, arrow_schema, misfit
+from desim_uav.records import TABLES
 
 if TYPE_CHECKING:
     import pandas as pd

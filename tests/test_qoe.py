@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from desim_uav import qoe
-from desim_uav.records import REQUESTS, to_frame
+from desim_uav.columns import to_frame
+from desim_uav.records import REQUESTS
 
 DURATION_S, STEP_S = 1800.0, 60.0
 DERIVED = ("wait_s", "completion_s", "handovers", "qoe1", "qoe1_feasible", "qoe2_iterations")

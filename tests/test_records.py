@@ -10,21 +10,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from desim_uav import qoe
+from desim_uav.columns import arrow_schema, misfit, to_frame
 from desim_uav.engine.base import EpisodeLog, Step
 from desim_uav.experiment.tables import steps_table
 from desim_uav.model.motion.motion import travelled
 from desim_uav.model.rules import US, Action, Mode
-from desim_uav.records import (
-    EPISODES,
-    EVENTS,
-    REQUESTS,
-    STEPS,
-    TABLES,
-    USERS,
-    arrow_schema,
-    misfit,
-    to_frame,
-)
+from desim_uav.records import EPISODES, EVENTS, REQUESTS, STEPS, TABLES, USERS
 from desim_uav.scenario.load import load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world

@@ -15,6 +15,7 @@ import pytest
 
 from desim_uav import lock, qoe, run_folder
 from desim_uav.checksums import SUMS
+from desim_uav.columns import to_frame
 from desim_uav.disk import write_at, write_whole
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment import command
@@ -24,7 +25,7 @@ from desim_uav.experiment.provenance import PACKAGES
 from desim_uav.experiment.run import headline
 from desim_uav.lock import held
 from desim_uav.parquet_file import read_table
-from desim_uav.records import EPISODES, REQUESTS, TABLES, USERS, to_frame
+from desim_uav.records import EPISODES, REQUESTS, TABLES, USERS
 from desim_uav.run_folder import RunDraft, RunPlace
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from desim_uav.api.parameters import Seed, TrainingEpisodes, Warmup
+from desim_uav.columns import to_frame
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.replay.again import Source
@@ -22,7 +23,7 @@ from desim_uav.learning.training import Progress
 from desim_uav.model.sums import in_order
 from desim_uav.policies.base import Policy
 from desim_uav.policies.tabular import Greedy
-from desim_uav.records import TRAINING, to_frame
+from desim_uav.records import TRAINING
 from desim_uav.report import notebook
 from desim_uav.scenario.schema import Scenario
 from desim_uav.typed import typed

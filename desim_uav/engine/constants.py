@@ -88,6 +88,7 @@ def _type(world: World, number: int) -> TypeRow:
     row.full, row.drain_per_s = own.full, own.drain_per_s
     row.respawn_after_us, row.on_crash = own.respawn_after_us, CRASHES[own.on_crash]
     row.first_transit = _first_transit(world, number)
+    row.store_ubit = NEVER if own.store_ubit is None else own.store_ubit
     row.first_plan = 2 * places * world.planner_number(number)
     return row
 
@@ -180,7 +181,8 @@ def _updates(keeps: Collecting | None) -> UpdatesRow:
     if keeps is None:
         return blank(UpdatesRow)
     limit_us = NEVER if keeps.limit_us is None else keeps.limit_us
-    return fill(UpdatesRow, (keeps.keeps, int(keeps.preempts), limit_us))
+    numbers = (keeps.keeps, int(keeps.preempts), limit_us, int(keeps.ground), keeps.wait_us)
+    return fill(UpdatesRow, numbers)
 
 
 def whole_hz(bandwidth_hz: float) -> int:

@@ -49,10 +49,10 @@ OF_ONE_ENGINE = {
 """The fields that a saved state leaves out: what the last step has added to the log, what an engine
 derives from other fields, and the numbers of hops, which each engine chooses."""
 
-NOT_TOLD = {"history", "used", "gained", "counted", "course"}
+NOT_TOLD = {"history", "used", "gained", "counted", "course", "store"}
 """The fields that a digest leaves out: the commands, of which it has those that were given; what a
-battery used and gained as far as it is counted, which depends on what is recorded; and the courses
-of drones, which also hold memory, so that it has only their ends."""
+battery used and gained as far as it is counted, which depends on what is recorded, as do stored
+updates; and the courses of drones, which also hold memory, so that it has only their ends."""
 
 PLACES = 6
 """How many of the first fields of a ``Course`` say where its leg begins and ends."""

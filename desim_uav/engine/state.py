@@ -47,13 +47,13 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     drones, users = scenario.drone_count, len(world.homes)
     senders = drones + len(scenario.access_points)
     services, epochs = len(world.services.names), world.most_epochs
-    state.keeps_links = int(world.graded)
-    state.keeps_credit = int(getattr(scenario.reward, "keeps_credit", False))
-    state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
+    _set_flags(state, world, settings)
     observation = scenario.observation
     state.senders = Table(_sender(world, index, buffers) for index in range(senders))
     for sender in state.senders if state.keeps_credit else ():
         sender.credit = blank(rows.Credit)
+    if world.services.to_ground:
+        _set_stores(state, users, buffers.log * (settings.keep_steps or settings.keep_events))
     for drone in state.senders[:drones]:
         drone.features = Table([0.0] * len(world.features_of_types[drone.type]))
     state.drones = Table(state.senders[:drones])
@@ -61,14 +61,12 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
         pieces = most_pieces(world)
         pairs = combinations(range(drones), 2)
         state.pairs = Table(_pair(*both, pieces) for both in pairs)
-    state.keeps_sensors = int(len(world.senses) > 0)
     state.sensors = Table(_sensor(world, service) for service in world.senses)
     again = world.services.several_stages or world.services.has_tasks or world.senses
     draws = world.services.draws if again else 0
     state.users = Table(_user(index, senders, draws) for index in range(users))
     if state.keeps_links:
         state.links = Table(_links(senders) for _ in range(users))
-    state.keeps_tasks = int(world.services.has_tasks)
     if state.keeps_tasks:
         state.tasks = Table(blank(rows.Task) for _ in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
@@ -95,6 +93,23 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.events = Queue(of=rows.EventRow, buffer=buffers.log * settings.keep_events)
     _set_logs(state, buffers.log * settings.keep_steps)
     return state
+
+
+def _set_flags(state: rows.State, world: World, settings: RunSettings) -> None:
+    """Set what a new state keeps, and how many users are sensors."""
+    state.keeps_links = int(world.graded)
+    state.keeps_credit = int(getattr(world.scenario.reward, "keeps_credit", False))
+    state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
+    state.keeps_tasks = int(world.services.has_tasks)
+    state.keeps_sensors = int(len(world.senses) > 0)
+    state.sensing = sum(service >= 0 for service in world.senses)
+
+
+def _set_stores(state: rows.State, users: int, buffer: int) -> None:
+    """Set the stores of all drones, with memory for so many updates that are logged."""
+    for sender in state.senders:
+        sender.freight = Table(blank(rows.Freight) for _ in range(users))
+        sender.store = Queue(of=rows.Update, buffer=buffer)
 
 
 def _set_logs(state: rows.State, buffer: int) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from desim_uav import qoe
+from desim_uav.columns import to_frame
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import run
@@ -21,7 +22,7 @@ from desim_uav.experiment.resume import Begun, Rest
 from desim_uav.parquet_file import read_parts
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
-from desim_uav.records import EPISODES, REQUESTS, to_frame
+from desim_uav.records import EPISODES, REQUESTS
 from desim_uav.report.manifest import read_manifest
 from desim_uav.run_folder import RunDraft, RunPlace, world_content
 from desim_uav.scenario.load import dump, scenario_hash

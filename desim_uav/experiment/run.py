@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from desim_uav import qoe
+from desim_uav.columns import FLOAT
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.choose import faster, make_engine
 from desim_uav.engine.episode import Engine
@@ -19,7 +20,7 @@ from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.state import Snapshot
 from desim_uav.policies.answers import NoCommandError
 from desim_uav.policies.base import Policy, decide, show
-from desim_uav.records import APART, ENERGY, FLOAT, LINKS
+from desim_uav.records import APART, ENERGY, LINKS
 from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World

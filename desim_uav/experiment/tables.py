@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from desim_uav import qoe
+from desim_uav.columns import TEXT, to_frame
 from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import ClosedRequest, EpisodeLog, SensorTotals
 from desim_uav.model.energy.battery import WH_UJ
@@ -44,11 +45,9 @@ from desim_uav.records import (
     STEPS,
     STORED,
     TASKS,
-    TEXT,
     UPDATES,
     USERS,
     VOLUMES,
-    to_frame,
 )
 from desim_uav.report.links import mean_rate_bps
 from desim_uav.rules.words import DELIVERED, FATES

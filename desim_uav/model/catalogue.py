@@ -105,6 +105,11 @@ class Catalogue:
         return any(line == COMPUTING for own in self.stages for line, *_ in own)
 
     @property
+    def to_ground(self) -> bool:
+        """Whether there are updates of sensors that are delivered at the ground."""
+        return any(keeps is not None and keeps.ground for keeps in self.collecting)
+
+    @property
     def several_stages(self) -> bool:
         """Whether there is a service of more than one stage."""
         return any(len(own) > 1 for own in self.stages)

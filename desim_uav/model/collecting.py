@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from desim_uav.model.demand.demand import Demand
 from desim_uav.model.rules import US
 from desim_uav.model.services import KEEPS, MICROBITS, MOST_BUFFERED, Collecting, Stage, scaled
+from desim_uav.model.updates import UpdatesAtWill
 from desim_uav.registry import ComponentField, register
 
 
@@ -26,7 +27,7 @@ class Collect:
     """
 
     updates: Annotated[Any, ComponentField("updates", "poisson", Demand)]
-    """When a sensor takes updates: poisson, periodic, or trace."""
+    """When a sensor takes updates: poisson, periodic, at_will, or trace."""
     size_mbit: Annotated[tuple[Annotated[float, Ge(1e-12), Le(1e6)], ...], MinLen(1)]
     """The sizes of an update, in Mbit, equally likely."""
     bandwidth_kbps: Annotated[tuple[Annotated[float, Ge(0.001)], ...], MinLen(1)] | None = None
@@ -39,11 +40,20 @@ class Collect:
     """
     preempt: bool = False
     """Whether, with `last`, a new update replaces the one that is being sent, too."""
+    delivered: Literal["drone", "ground"] = "drone"
+    """When an update is delivered: when a drone has received its last bit (drone), or when that
+    drone has landed on a station (ground). An access point stands on the ground.
+    """
     age_limit_s: Annotated[float, Gt(0), Le(1e9)] | None = None
     """The age from which on time counts as violated, in seconds; null means it never does."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for keys that contradict each other."""
+        if self.delivered == "ground" and isinstance(self.updates, UpdatesAtWill):
+            raise ValueError(
+                "updates: at_will is for delivered: drone, because a sensor does not know when its "
+                "update comes to the ground"
+            )
         if self.preempt and self.keeps != "last":
             raise ValueError(f"preempt: true is for keeps: last, and not for keeps: {self.keeps}")
 
@@ -61,7 +71,9 @@ class Collect:
     def collecting(self) -> Collecting:
         """Return how updates are kept."""
         limit_us = None if self.age_limit_s is None else round(self.age_limit_s * US)
-        return Collecting(self.buffer, KEEPS.index(self.keeps), self.preempt, limit_us)
+        ground, wait_us = self.delivered == "ground", getattr(self.updates, "wait_us", 0)
+        keeps = KEEPS.index(self.keeps)
+        return Collecting(self.buffer, keeps, self.preempt, limit_us, ground, wait_us)
 
 
 @register("demand", "sensing")

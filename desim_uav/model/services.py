@@ -100,13 +100,16 @@ class Collecting(NamedTuple):
     """How updates of a service are kept: the size of a buffer, what it keeps, and the age's limit.
 
     ``keeps`` is the number of one of KEEPS; with LAST, a new update also replaces the one that is
-    being sent if it ``preempts``.
+    being sent if it ``preempts``. Drones carry updates to the ``ground`` to deliver them. Sensors
+    wait until ``wait_us`` after an update was begun to be sent, if they take them at will.
     """
 
     buffer: int
     keeps: int
     preempts: bool
     limit_us: int | None
+    ground: bool
+    wait_us: int
 
 
 def collecting_of(service: Any) -> Collecting | None:

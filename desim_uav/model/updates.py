@@ -95,6 +95,31 @@ class PeriodicUpdates(RowDemand):
             yield from too_few(users * horizon_s / self.every_s)
 
 
+@register("updates", "at_will")
+@dataclass(frozen=True)
+class UpdatesAtWill(RowDemand):
+    """A sensor takes its next update when the last one has been delivered, or some time later."""
+
+    wait_s: Annotated[float, Ge(0), Le(1e9)] = 0.0
+    """The least time, in seconds, from the beginning of sending to the next update: when an update
+    has been sent for a shorter time, the sensor waits for the rest of it.
+    """
+
+    def next_request(self, asker: Asker, stream: Stream, services: Offer) -> None:
+        """Draw an update that is taken as soon as it can be."""
+        asker.wait_us = 0
+        ask_for_mix(asker, stream, services, 0.0)
+
+    @property
+    def wait_us(self) -> int:
+        """``wait_s`` in microseconds."""
+        return round(self.wait_s * US)
+
+    def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
+        """Return the largest number of updates that all sensors can send in an episode."""
+        return users * (1.0 + horizon_s / max(required_s, 1e-6))
+
+
 @register("updates", "trace")
 @dataclass(frozen=True)
 class UpdateTrace:

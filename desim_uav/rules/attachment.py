@@ -9,6 +9,7 @@ from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.service import count_attached, scan_if_used, stop, wait
 from desim_uav.rules.stages import leave
+from desim_uav.rules.stores import give_room_back
 from desim_uav.rules.tasks import offload_again
 from desim_uav.rules.words import ON_ATTACH, ON_DETACH
 
@@ -51,6 +52,7 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
     state.attached_us += state.now_us - user.held_since_us
     if state.keeps_sensors:
         state.sensors[user.index].attached_us += state.now_us - user.held_since_us
+        give_room_back(state, drone, user)
     state.attached_from_us -= user.held_since_us
     user.holder = -1
     if state.keeps_links:

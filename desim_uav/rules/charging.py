@@ -11,6 +11,7 @@ from desim_uav.rules.epochs import ask_at
 from desim_uav.rules.flight import hover_at, station_under
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.updates import unload
 
 
 @rare_rule
@@ -21,6 +22,8 @@ def land(world: Constants, path: Path, state: State, drone: Drone, phase: int) -
     hover_at(drone, drone.x, drone.y, drone.level)
     station = station_under(world, drone)
     note(state, phase, words.ON_LAND, drone.index, -1, -1, station)
+    if state.keeps_sensors:
+        unload(world, state, drone, phase)
     drone.landed_in = phase
     state.stations[station].queue.append(drone.index)
     hand_on_pads(world, state, station)

@@ -14,6 +14,7 @@ from desim_uav.rules.note import note, note_drone, note_leg
 from desim_uav.rules.orientation import orient
 from desim_uav.rules.processing import lose_tasks
 from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.updates import lose_updates
 
 
 @rare_rule
@@ -36,6 +37,8 @@ def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
     if state.keeps_tasks:
         lose_tasks(world, state, drone, words.DEPLETION)
     silence(world, path, state, drone, words.DEPLETION)
+    if state.keeps_sensors:
+        lose_updates(world, state, drone)
     state.crashed.append(drone.index)
     state.crashes += 1
     note_drone(state, words.DEPLETION, words.ON_CRASH, drone)

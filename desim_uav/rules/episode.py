@@ -29,8 +29,9 @@ from desim_uav.rules.separation import begin_pairs, end_pairs
 from desim_uav.rules.service import forget_request
 from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
+from desim_uav.rules.stores import empty_store
 from desim_uav.rules.tasks import forget_task
-from desim_uav.rules.updates import end_sensors, forget_sensor
+from desim_uav.rules.updates import count_ages, end_sensors, forget_sensor
 from desim_uav.rules.walks import look_anew
 from desim_uav.rules.wide import clear
 
@@ -101,6 +102,8 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.computing.clear()
     drone.computes = 0
     drone.power_uw = drone.drawn_us = drone.rest_pj = drone.span_us = 0
+    if state.keeps_sensors:
+        empty_store(drone)
     drone.ahead.clear()
     for service in range(world.services):
         drone.served[service] = drone.asking[service] = 0
@@ -259,7 +262,10 @@ def end_step(world: Constants, path: Path, state: State) -> None:
     locate(world, path, state)
     if state.keeps_credit:
         credit_step(state)
+    if state.keeps_sensors:
+        count_ages(world, state)
     call(world.pay, (world, state))
+    state.aged = 0.0
     if state.keeps_requests:
         record(world, state)
     state.terminated = int(ended)

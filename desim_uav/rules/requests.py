@@ -49,6 +49,7 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
         foresee_request(world, path, state, user, 0)
     if is_sensor(state, user):
         take_update(world, path, state, user, number)
+        settle_after(world, path, state, words.REQUEST)
         return
     if user.request.number >= 0:
         state.suppressed += 1

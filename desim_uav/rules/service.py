@@ -10,6 +10,7 @@ from desim_uav.rules.links import begin_outage, count_outage, end_outage
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
 from desim_uav.rules.stages import count_amounts, draw_values, join, scan_later
+from desim_uav.rules.stores import finds_room
 from desim_uav.rules.tasks import (
     close_task,
     computes_alone,
@@ -28,9 +29,12 @@ MILLION = 1_000_000
 def wait(world: Constants, state: State, drone: Drone, user: User) -> None:
     """Let a user's request stand in a drone's line: by the time it was made, then by user.
 
-    A task may stand at a processor instead, or wait for the link to another drone.
+    A task may stand at a processor instead, or wait for the link to another drone, and an update
+    waits until there is room for it in the drone's store.
     """
     if state.keeps_tasks and stands_elsewhere(world, state, drone, user):
+        return
+    if state.keeps_sensors and not finds_room(world, state, drone, user):
         return
     user.request.needs_hz = needed_hz(world, drone, user, user.request.bandwidth_bps)
     join(state, drone, user)
@@ -314,7 +318,10 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
         count_outage(state, user)
     request.number = -1
     if path.follows[user.index]:
-        foresee_request(world, path, state, user, now_us)
+        from_us = now_us
+        if state.keeps_sensors:
+            from_us += max(0, world.updates[request.service].wait_us - request.served_us)
+        foresee_request(world, path, state, user, from_us)
 
 
 @rule

@@ -13,6 +13,7 @@ from desim_uav.rules.links import unsettle
 from desim_uav.rules.power import power
 from desim_uav.rules.rows import Constants, Path, State, User
 from desim_uav.rules.service import suspend
+from desim_uav.rules.updates import offer_room
 from desim_uav.rules.words import ATTACHMENT
 
 
@@ -79,6 +80,8 @@ def _settle_all(
         if drone.scan:
             if state.keeps_links and drone.free_hz < 0:
                 suspend(world, state, drone, attachment)
+            if state.keeps_sensors and drone.crowded:
+                offer_room(world, state, drone)
             drone.scan = 0
             state.to_scan -= 1
             call(type_of(world, drone).scan, (world, path, state, drone, admission))

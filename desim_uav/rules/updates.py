@@ -13,8 +13,8 @@ from desim_uav.rules import words
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Sensor, State, Update, User
 from desim_uav.rules.service import begin_request, close, scan_if_used, stop, wait
-from desim_uav.rules.settle import settle_after
 from desim_uav.rules.stages import begin_anew, leave
+from desim_uav.rules.stores import empty_store, give_room_back
 from desim_uav.rules.wide import add_product, clear
 
 
@@ -66,7 +66,6 @@ def take_update(world: Constants, path: Path, state: State, user: User, number: 
     note(state, words.REQUEST, words.ON_GENERATE, -1, user.index, -1, update.number)
     _make_room(world, path, state, user)
     _send_next(world, state, user)
-    settle_after(world, path, state, words.REQUEST)
 
 
 @rule
@@ -117,6 +116,7 @@ def _close_dropped(world: Constants, path: Path, state: State, user: User, updat
     update.sent_us = user.request.t_first_us
     if user.holder >= 0:
         leave(state.senders[user.holder], user)
+        give_room_back(state, state.senders[user.holder], user)
     close(world, path, state, user, words.REQUEST, words.ON_DROP)
     if user.holder >= 0:
         scan_if_used(state, state.senders[user.holder])
@@ -178,24 +178,31 @@ def receive(world: Constants, state: State, drone: Drone, user: User) -> None:
     update = sensor.buffer[sensor.first]
     update.sent_us = user.request.t_first_us
     update.received_us, update.drone = state.now_us, drone.index
-    _deliver(world, state, user, update)
+    if len(drone.freight) > 0 and drone.point < 0 and _goes_to_ground(world, user):
+        _store(state, drone, user, update)
+    else:
+        before_us = _let_fall(world, state, user, update.generated_us)
+        sensor.delivered += 1
+        note(state, words.COMPLETION, words.ON_DELIVER, drone.index, user.index, -1, update.number)
+        _log(state, update, words.DELIVERED, before_us, state.now_us - sensor.fresh_us)
     _remove(sensor, 0)
     _send_next(world, state, user)
 
 
 @rule
-def _deliver(world: Constants, state: State, user: User, update: Update) -> None:
-    """Deliver an update: the age of its sensor falls, unless a fresher one was delivered before."""
-    sensor, now_us = state.sensors[user.index], state.now_us
+def _let_fall(world: Constants, state: State, user: User, generated_us: int) -> int:
+    """Let a sensor's age fall to that of an update that is delivered, and return what it was.
+
+    It does not fall if a fresher update was delivered before.
+    """
+    sensor = state.sensors[user.index]
     count_age(world, state, user)
-    before_us = now_us - sensor.fresh_us
-    if update.generated_us > sensor.fresh_us:
-        sensor.fresh_us = update.generated_us
+    before_us = state.now_us - sensor.fresh_us
+    if generated_us > sensor.fresh_us:
+        sensor.fresh_us = generated_us
         sensor.falls += 1
         add_product(sensor.peaks_us, before_us, 1)
-    sensor.delivered += 1
-    note(state, words.COMPLETION, words.ON_DELIVER, update.drone, user.index, -1, update.number)
-    _log(state, update, words.DELIVERED, before_us, now_us - sensor.fresh_us)
+    return before_us
 
 
 @rule
@@ -215,8 +222,97 @@ def count_age(world: Constants, state: State, user: User) -> None:
 
 
 @apart
+def count_ages(world: Constants, state: State) -> None:
+    """Count the ages of all sensors until now."""
+    for u in range(len(state.users)):
+        if is_sensor(state, state.users[u]):
+            count_age(world, state, state.users[u])
+
+
+# ---- what drones carry to the ground
+
+
+@rule
+def _goes_to_ground(world: Constants, user: User) -> bool:
+    """Return whether a user's updates are delivered at the ground."""
+    return bool(world.updates[world.senses[user.index]].ground)
+
+
+@rule
+def _store(state: State, drone: Drone, user: User, update: Update) -> None:
+    """Put an update into the store of the drone that has received it; its place was promised."""
+    freight = drone.freight[user.index]
+    freight.count += 1
+    freight.fresh_us = max(freight.fresh_us, update.generated_us)
+    freight.promised = 0
+    if state.keeps_requests or state.keeps_events:
+        _copy(drone.store.added(), update)
+
+
+@apart
+def unload(world: Constants, state: State, drone: Drone, phase: int) -> None:
+    """Deliver all updates in a drone's store, as it has landed on a station.
+
+    The age of a sensor falls once, to that of the freshest one.
+    """
+    for u in range(len(drone.freight)):
+        freight, sensor = drone.freight[u], state.sensors[u]
+        if freight.count > 0:
+            freight.before_us = _let_fall(world, state, state.users[u], freight.fresh_us)
+            sensor.delivered += freight.count
+    for k in range(len(drone.store)):
+        update = drone.store[k]
+        note(state, phase, words.ON_DELIVER, drone.index, update.user, -1, update.number)
+        after_us = state.now_us - state.sensors[update.user].fresh_us
+        before_us = drone.freight[update.user].before_us
+        _log(state, update, words.DELIVERED, before_us, after_us)
+    empty_store(drone)
+
+
+@apart
+def lose_updates(world: Constants, state: State, drone: Drone) -> None:
+    """Lose all updates in the store of a drone that has crashed."""
+    for u in range(len(drone.freight)):
+        state.sensors[u].lost += drone.freight[u].count
+    for k in range(len(drone.store)):
+        update = drone.store[k]
+        note(state, words.DEPLETION, words.ON_LOSE, drone.index, update.user, -1, update.number)
+        _log(state, update, words.LOST_IN_CRASH, -1, -1)
+    empty_store(drone)
+
+
+@apart
+def offer_room(world: Constants, state: State, drone: Drone) -> None:
+    """Let updates for which a drone's store had no room come into its line, if there is room now.
+
+    They are tried by the time at which they were taken, then by user.
+    """
+    drone.crowded = 0
+    tried_us, tried = -1, -1
+    while tried < len(state.users):
+        best, best_us = len(state.users), words.NEVER
+        for u in range(len(state.users)):
+            user = state.users[u]
+            t_us = user.request.t_request_us
+            later = t_us > tried_us or (t_us == tried_us and u > tried)
+            if later and t_us < best_us and _is_refused(world, state, drone, user):
+                best, best_us = u, t_us
+        tried_us, tried = best_us, best
+        if best < len(state.users):
+            wait(world, state, drone, state.users[best])
+
+
+@rule
+def _is_refused(world: Constants, state: State, drone: Drone, user: User) -> bool:
+    """Return whether a user's update stands in no line, though the user is attached to a drone."""
+    if user.holder != drone.index or user.request.number < 0 or not is_sensor(state, user):
+        return False
+    return _goes_to_ground(world, user) and drone.freight[user.index].promised == 0
+
+
+@apart
 def end_sensors(world: Constants, state: State) -> None:
-    """Count the ages until the end of an episode, and log the updates that are in buffers."""
+    """Count the ages until the end of an episode, and log what is in buffers and stores."""
     for u in range(len(state.users)):
         user, sensor = state.users[u], state.sensors[u]
         if is_sensor(state, user):
@@ -226,6 +322,10 @@ def end_sensors(world: Constants, state: State) -> None:
                 if update.request >= 0:
                     update.sent_us = user.request.t_first_us
                 _log(state, update, words.BUFFERED, -1, -1)
+    for d in range(len(state.drones)):
+        store = state.drones[d].store
+        for k in range(len(store)):
+            _log(state, store[k], words.STORED, -1, -1)
 
 
 @rule

@@ -26,7 +26,12 @@ from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
-from desim_uav.scenario.sensors import only_sensors_send_updates, sensors_find_their_service
+from desim_uav.scenario.sensors import (
+    only_sensors_send_updates,
+    sensors_find_their_service,
+    updates_at_will_take_time,
+    what_needs_sensors_has_some,
+)
 from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.service_checks import (
     processors_draw_from_energy,
@@ -335,6 +340,8 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     stages_can_be_served,
     sensors_find_their_service,
     only_sensors_send_updates,
+    what_needs_sensors_has_some,
+    updates_at_will_take_time,
     tasks_find_processors,
     users_can_compute,
     processors_draw_from_energy,

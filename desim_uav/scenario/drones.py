@@ -31,7 +31,7 @@ MOST_DRONES, MOST_TYPES = 10_000, 100
 class Drones(Section):
     """The drones: how many, what they cover and carry, how they fly."""
 
-    later: ClassVar = ("processor",)
+    later: ClassVar = ("processor", "store_mbit")
 
     count: Annotated[int, Field(ge=1, le=MOST_DRONES)] = 3
     """The number of drones."""
@@ -53,6 +53,8 @@ class Drones(Section):
     """Which of the waiting requests a drone serves."""
     processor: Processor | None = None
     """What computes tasks on board; null means nothing does."""
+    store_mbit: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
+    """How much data a drone can carry to the ground, in Mbit; null means any amount."""
 
     @model_validator(mode="after")
     def _radio_decides(self) -> Drones:

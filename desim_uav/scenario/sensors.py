@@ -7,7 +7,8 @@ from itertools import islice
 
 from desim_uav.errors import did_you_mean
 from desim_uav.model.demand.demand import drawn_by, is_sensed
-from desim_uav.model.services import collecting_of
+from desim_uav.model.services import collecting_of, computes
+from desim_uav.model.updates import UpdatesAtWill
 from desim_uav.scenario.components import place_of_problem
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Scenario
@@ -54,6 +55,56 @@ def only_sensors_send_updates(scenario: Scenario) -> Iterator[Finding]:
                     f"{{kind: sensing, service: {name}}}",
                     (("services", name),),
                 )
+
+
+def what_needs_sensors_has_some(scenario: Scenario) -> Iterator[Finding]:
+    """A reward for sensors or stores for their updates, though there are none."""
+    sensed = [demand for _, demand, _ in scenario.asking if is_sensed(demand)]
+    if getattr(scenario.reward, "needs_sensors", False) and not sensed:
+        yield Finding(
+            ("reward", "kind"),
+            "is for users whose demand is sensing, and there are none",
+            (("demand",), ("users",)),
+        )
+    own = [scenario.services.get(getattr(demand, "service", "")) for demand in sensed]
+    kept = [one for one in map(collecting_of, own) if one is not None]
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        if drones.store_mbit is not None and kept and not any(one.ground for one in kept):
+            yield Finding(
+                (*key, "store_mbit"),
+                "stores nothing: updates are delivered: drone",
+                (("services",),),
+            )
+        elif drones.store_mbit is not None and not kept:
+            yield Finding(
+                (*key, "store_mbit"), "stores nothing: no users are sensors", (("users",),)
+            )
+    for name in dict.fromkeys(getattr(demand, "service", "") for demand in sensed):
+        one = collecting_of(scenario.services.get(name))
+        lands = scenario.stations.count and scenario.limited_battery
+        if one is not None and one.ground and not (lands or scenario.access_points):
+            yield Finding(
+                ("services", name, "delivered"),
+                "no update can be delivered: drones land to charge, for which they need a battery "
+                "and a station, and there are no access points",
+                (("stations", "count"), *((*key, "battery") for key in scenario.fleet_keys)),
+            )
+
+
+def updates_at_will_take_time(scenario: Scenario) -> Iterator[Finding]:
+    """Updates that are taken when the last one is delivered, if that might take no time."""
+    alone = scenario.offloading.alone and any(map(computes, scenario.services.values()))
+    for name, service in scenario.services.items():
+        if collecting_of(service) is None:
+            continue
+        if isinstance(getattr(service, "updates", None), UpdatesAtWill) and (
+            alone or scenario.most_bps == 0
+        ):
+            yield Finding(
+                ("services", name, "updates"),
+                "at_will needs a highest rate of links, which is not known here: bandwidth is "
+                "unlimited, radio or sharing is one of your own, or users may compute themselves",
+            )
 
 
 def _collecting(scenario: Scenario) -> list[str]:

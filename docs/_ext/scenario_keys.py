@@ -108,7 +108,7 @@ class Walker:
         if inner is not None:
             text += f"Default: {_code(default)}\n\n"
             return text + "\n".join(
-                self._kind(f"{path}.NAME", kind, {}) for kind in self.kinds(inner)
+                self._kind(f"{path}.NAME", kind, {}, "###") for kind in self.kinds(inner)
             )
         if self.kinds(schema):
             return text + self._component(path, schema, default)
@@ -168,13 +168,15 @@ class Walker:
             for kind in self.kinds(schema)
         )
 
-    def _kind(self, path: str, kind: Schema, default: dict[str, Any]) -> str:
+    def _kind(self, path: str, kind: Schema, default: dict[str, Any], heading: str = "####") -> str:
+        """A kind of a component; its keys that are components have sections with this heading."""
         rows, further = [], []
         for key, found in kind["properties"].items():
             where, inside = f"{path}.{key}", default.get(key, found.get("default"))
             if self.kinds(found):
-                rows.append(self.row(where, found, (inside or {}).get("kind")))
-                further.append(f"#### {where}\n\n" + self._component(where, found, inside))
+                required = key in kind.get("required", [])
+                rows.append(self.row(where, found, (inside or {}).get("kind"), required))
+                further.append(f"{heading} {where}\n\n" + self._component(where, found, inside))
             elif key != "kind":
                 rows.append(self.row(where, found, inside, key in kind.get("required", [])))
                 for form in self.mappings(found):

@@ -149,6 +149,8 @@ def _one_state(world: Constants, state: State, user: User) -> None:
         return
     if state.keeps_tasks and state.tasks[user.index].site not in (-1, holder):
         holder = -1
+    if state.keeps_sensors and holder >= 0 and _finds_no_room(world, state, user):
+        holder = -1
     if request.line == SHARING:
         assert not queues, "a request that shares waits"
         assert shares == [holder] * (holder >= 0), "a share where a user is not attached"
@@ -159,6 +161,23 @@ def _one_state(world: Constants, state: State, user: User) -> None:
         assert queues == [holder], "a request waits where its user is not attached"
     else:
         assert request.server == holder and not queues, "served by another drone"
+
+
+def _finds_no_room(world: Constants, state: State, user: User) -> bool:
+    """Whether a user's update is not promised any room in the store of its drone, if it needs some.
+
+    Then there is not enough of it; otherwise all that is stored and promised fits.
+    """
+    drone, service = state.senders[user.holder], world.senses[user.index]
+    if not drone.freight or drone.point >= 0 or service < 0 or not world.updates[service].ground:
+        return False
+    stored = sum(update.size for update in drone.store)
+    assert drone.stored_ubit == stored + sum(each.promised for each in drone.freight)
+    room = world.types[drone.type].store_ubit - drone.stored_ubit
+    assert room >= 0, "a store is too full"
+    promised = drone.freight[user.index].promised
+    assert promised == user.request.required or drone.scan or room < user.request.required
+    return promised == 0
 
 
 def _work(world: Constants, state: State, request: Request) -> None:

@@ -24,11 +24,21 @@ def scenario(seed: int) -> dict[str, Any]:
         made["services"] = {**made["services"], name: updates(dice, held)}
     if dice.of(True, False, False):
         made["users"] = made["users"][-2:]
+    grounded = any(each.get("delivered") == "ground" for each in made["services"].values())
+    for drones in made["drones"] if grounded else ():
+        drones["store_mbit"] = dice.of(None, 2, 9.5)
+    made["reward"] = dice.of(made["reward"], {"kind": "age"})
     return made
 
 
 def updates(dice: Dice, held: bool) -> dict[str, Any]:
-    """A service whose updates sensors send."""
+    """A service whose updates sensors send.
+
+    Those that are taken at will are large, so that few are drawn.
+    """
+    if dice.of(True, False, False, False, False) and not held:
+        at_will = {"kind": "at_will", "wait_s": dice.of(0, 6)}
+        return {"kind": "collect", "updates": at_will, "size_mbit": dice.of([8], [2, 30])}
     last = {"keeps": "last", "preempt": dice.of(True, False)}
     return {
         "kind": "collect",
@@ -39,6 +49,7 @@ def updates(dice: Dice, held: bool) -> dict[str, Any]:
         ),
         "size_mbit": dice.of([0.02, 0.5], [2], [0.3, 6]),
         "buffer": dice.of(1, 2, 3, 10),
+        "delivered": dice.of("drone", "ground", "ground"),
         "age_limit_s": dice.of(None, 20, 75),
         **dice.of({"keeps": "newest"}, {"keeps": "oldest"}, last),
         **({"bandwidth_kbps": [150, 600]} if held else {}),

@@ -14,9 +14,10 @@ from desim_uav.engine.base import EpisodeLog
 from desim_uav.experiment import tables
 from desim_uav.model.rules import Outcome
 from desim_uav.rules.words import FATES
+from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.engine.helpers import Ask, fly, path_of, radio, seen
+from tests.engine.helpers import Ask, fly, path_of, radio, seen, strip
 from tests.engine.test_offloading import AWAY
 from tests.engine.test_transfers import FAR
 
@@ -200,3 +201,132 @@ def test_sizes_and_shares_of_updates() -> None:
         world_of(users=(FAR, FAR), sharing="equal"), {0: [taken(0, 2)], 1: [taken(0, 0.5)]}
     )
     assert fates(log) == [("delivered", 2.5), ("delivered", 1.0)]
+
+
+# ---- at will, and at the ground
+
+
+def test_updates_at_will_follow_delivery_and_a_rest() -> None:
+    """Sending takes 1, 4 and 1 s. After 1 s of it, a sensor waits for 2 s more."""
+    world = world_of(updates={"kind": "at_will", "wait_s": 3}, size_mbit=[1, 4])
+    asks = [taken(0, 1), taken(0, 4), taken(0, 1), taken(0, 4), taken(0, 4)]
+    log = fly(world, path_of(world, {0: asks}, thinking=True))
+    assert [one.generated_us / US for one in log.updates] == [0, 3, 7, 10, 14]
+    assert [(FATES[one.fate], one.ended_us / US) for one in log.updates] == [
+        ("delivered", 1), ("delivered", 7), ("delivered", 8), ("delivered", 14), ("delivered", 18),
+    ]  # fmt: skip
+
+
+def test_updates_at_will_are_drawn_for_a_whole_episode() -> None:
+    world = world_of(updates={"kind": "at_will"}, size_mbit=[1, 2])
+    log = fly(world, draw(world, 3, 0))
+    ends = [one.ended_us for one in log.updates]
+    assert [one.generated_us for one in log.updates] == [0, *ends[:-1]]
+    assert ends[-1] == log.duration_us
+
+
+def carrying(
+    users: Sequence[Sequence[float]], store_mbit: float | None = None, **changes: Any
+) -> World:
+    """Cells of 240 m in a row, with a station in the middle, at x = 1080, where the drone begins.
+
+    Users to the west of x = 840 are out of its reach there.
+    """
+    reading = {
+        "kind": "collect",
+        "updates": {"kind": "poisson", "mean_s": 60},
+        "size_mbit": [1],
+        "delivered": "ground",
+        "bandwidth_kbps": [1000],
+    }
+    base = {
+        "starts": [(4, 0)],
+        "users": users,
+        "steps": 4,
+        "radius_m": 200.0,
+        "battery": {"autonomy_min": 10},
+        "bandwidth_kbps": 1000,
+        "services": {"reading": reading},
+        "demand": {"kind": "sensing", "service": "reading"},
+        "reward": {"kind": "age", "scale_s": 30},
+        "drones": {"store_mbit": store_mbit},
+    }
+    return strip(**{**base, **changes})
+
+
+def held(at_s: float, mbit: float = 1.0, kbps: float = 1000.0) -> Ask:
+    """An update that holds a rate while it is sent."""
+    return (at_s, 0.0, 0.0, 0, round(mbit * 1e12), round(kbps * 1000))
+
+
+NEAR = (1080.0, 120.0)
+
+
+def test_updates_are_delivered_when_the_drone_lands() -> None:
+    """Those of 5 and 30 s are received at 6 and 31 s; the drone lands at the second epoch, 60 s."""
+    world = carrying([NEAR])
+    log = fly(world, path_of(world, {0: [held(5), held(30), held(100)]}), "hover charge")
+    assert [(FATES[one.fate], one.ended_us / US) for one in log.updates] == [
+        ("delivered", 60), ("delivered", 60), ("stored", 240),
+    ]  # fmt: skip
+    one, two, _ = log.updates
+    assert (one.received_us, two.received_us) == (6 * US, 31 * US)
+    assert (one.before_us, one.after_us) == (two.before_us, two.after_us) == (60 * US, 30 * US)
+    (sensor,) = log.sensors
+    assert (sensor.falls, sensor.peaks_us, sensor.delivered) == (1, 60 * US, 2)
+    assert sensor.area_us2 == (60**2 + 210**2 - 30**2) * US * US
+    at_60 = [(e[0], *e[2:6], e[6], e[-1]) for e in seen(log, "land", "deliver")]
+    assert at_60 == [
+        (60 * US, "land", 0, -1, -1, 0, -1),
+        (60 * US, "deliver", 0, 0, -1, -1, 0),
+        (60 * US, "deliver", 0, 0, -1, -1, 1),
+    ]
+
+
+def test_a_full_store_takes_no_more_until_it_is_emptied() -> None:
+    """There is room for two updates of 1 Mbit. The third is sent after the landing, at 120 s."""
+    world = carrying([NEAR], 2.5, steps=3, battery={"autonomy_min": 60, "return_below": 1.0})
+    asks = {0: [held(5), held(10), held(20)]}
+    log = fly(world, path_of(world, asks), "hover charge hover")
+    assert [one.received_us for one in log.updates] == [6 * US, 11 * US, 121 * US]
+    assert [FATES[one.fate] for one in log.updates] == ["delivered", "delivered", "stored"]
+
+
+def test_room_that_is_given_back_goes_to_the_next_one() -> None:
+    """An update of 0.5 Mbit is replaced by one of 0.4, which makes room for the other sensor's."""
+    reading = {
+        "kind": "collect",
+        "updates": {"kind": "poisson", "mean_s": 60},
+        "size_mbit": [1],
+        "delivered": "ground",
+        "keeps": "last",
+        "preempt": True,
+        "bandwidth_kbps": [10],
+    }
+    world = carrying([NEAR, NEAR], 1.0, steps=2, bandwidth_kbps=1000, services={"reading": reading})
+    asks = {0: [held(0, 0.5, 10), held(10, 0.4, 10)], 1: [held(1, 0.6, 10)]}
+    log = fly(world, path_of(world, asks))
+    assert [(one.user, one.t_request_us, one.t_first_us) for one in log.requests] == [
+        (0, 0, 0), (1, 1 * US, 10 * US), (0, 10 * US, 10 * US),
+    ]  # fmt: skip
+    assert [FATES[one.fate] for one in log.updates] == ["dropped", "stored", "stored"]
+
+
+def test_a_crash_loses_what_is_stored() -> None:
+    world = carrying([NEAR], battery={"autonomy_min": 1.0, "on_crash": "remove"})
+    log = fly(world, path_of(world, {0: [held(5), held(100)]}), "hover hover")
+    assert [(FATES[one.fate], one.ended_us / US) for one in log.updates] == [
+        ("lost", 60), ("buffered", 240),
+    ]  # fmt: skip
+    assert [(e[0], e[2], e[3], e[4], e[-1]) for e in seen(log, "lose")] == [
+        (60 * US, "lose", 0, 0, 0)
+    ]
+    (sensor,) = log.sensors
+    assert (sensor.lost, sensor.delivered, sensor.area_us2) == (1, 0, 240**2 * US * US)
+
+
+def test_the_reward_is_minus_the_mean_age() -> None:
+    """The age falls from 60 to 30 s at 60 s: means of 30, 60, 120 and 180 s over steps of 60 s."""
+    world = carrying([NEAR])
+    log = fly(world, path_of(world, {0: [held(30)]}), "hover charge")
+    assert [step.reward for step in log.steps] == [-1.0, -2.0, -4.0, -6.0]

@@ -151,5 +151,5 @@ def test_who_is_in_the_air():
 
 
 def test_how_requests_end():
-    ends = ["completed", "unfinished", "never_served", "late"]
+    ends = ["completed", "unfinished", "never_served", "late", "dropped"]
     assert [str(outcome) for outcome in Outcome] == ends

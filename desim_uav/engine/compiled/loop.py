@@ -116,7 +116,7 @@ def _overrun(state: State) -> int:
         | state.flown.overrun
     )
     for d in range(len(state.senders)):
-        overrun |= state.senders[d].ahead.overrun
+        overrun |= state.senders[d].ahead.overrun | state.senders[d].store.overrun
     return overrun
 
 

@@ -264,10 +264,16 @@ class BatchSimulation(Engine):
     def _take_rows(self, rows: Rows) -> None:
         """Write rows into the memory, which is enlarged if there are too many crossings for it."""
         crossings = max(len(sender.ahead) for sender in rows.state.senders)
-        if crossings > self.buffers.crossings:
-            self.buffers = self.buffers._replace(crossings=2 * crossings)
+        stored = max(len(sender.store) for sender in rows.state.senders)
+        if crossings > self.buffers.crossings or stored > self.buffers.log:
+            crossings = max(2 * crossings, self.buffers.crossings)
+            log = max(2 * stored, self.buffers.log)
+            self.buffers = self.buffers._replace(crossings=crossings, log=log)
             self._make_room()
-        write(self.state, State, rows.state)
+        state = rows.state
+        if stored and not (self.settings.keep_steps or self.settings.keep_events):
+            state = state._replace(senders=[one._replace(store=()) for one in state.senders])
+        write(self.state, State, state)
         self.set_routes(rows.routes)
 
     def enlarge(self) -> None:

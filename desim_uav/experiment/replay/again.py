@@ -14,11 +14,12 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 
+from desim_uav.columns import arrow_schema
 from desim_uav.errors import DesimError, NoEventsError, PolicyError
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.run import Played, play, tabulate
 from desim_uav.policies import Policy, load_policy
-from desim_uav.records import TABLES, arrow_schema
+from desim_uav.records import TABLES
 from desim_uav.report.run import IN_TIME, KEPT, Again, Run, Tables
 from desim_uav.run_folder import world_content
 from desim_uav.world import World, build_world

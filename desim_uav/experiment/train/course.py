@@ -12,13 +12,14 @@ import numpy as np
 import pandas as pd
 
 from desim_uav import __version__
+from desim_uav.columns import to_frame
 from desim_uav.engine.choose import engine_for
 from desim_uav.errors import SimulationError
 from desim_uav.experiment.interrupt import asked_to_stop, at_once
 from desim_uav.experiment.provenance import clock
 from desim_uav.learning.training import Progress, Training
 from desim_uav.policies.tabular import QTable, described
-from desim_uav.records import TRAINING, to_frame
+from desim_uav.records import TRAINING
 from desim_uav.run_folder import world_hash
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from desim_uav import __version__
 from desim_uav.checksums import SUMS, of_contents
+from desim_uav.columns import to_frame
 from desim_uav.disk import write_whole
 from desim_uav.errors import PolicyError, UsageError, notice
 from desim_uav.experiment.interrupt import asked_to_stop
@@ -26,7 +27,7 @@ from desim_uav.learning import checkpoint
 from desim_uav.learning.training import Training
 from desim_uav.lock import held
 from desim_uav.parquet_file import parquet
-from desim_uav.records import TRAINING, to_frame
+from desim_uav.records import TRAINING
 from desim_uav.run_folder import RunPlace, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario

@@ -47,6 +47,7 @@ from desim_uav.rules.rows.logs import (
 from desim_uav.rules.rows.sample_path import Path
 from desim_uav.rules.rows.state import LookRow, State
 from desim_uav.rules.rows.users import (
+    Freight,
     Request,
     Sensor,
     Spot,

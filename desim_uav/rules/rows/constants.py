@@ -61,14 +61,13 @@ class TermsRow(Row):
 
 @row
 class UpdatesRow(Row):
-    """What holds for the updates of a service (see ``services.Collecting``; NEVER: no limit).
-
-    ``keeps`` is one of ``services.KEEPS``, by its number.
-    """
+    """What holds for the updates of a service (see ``services.Collecting``; NEVER: no limit)."""
 
     keeps: int
     preempts: int
     limit_us: int
+    ground: int
+    wait_us: int
 
 
 @row
@@ -90,7 +89,8 @@ class TypeRow(Row):
     Charges (``capacity`` and others) are in the units of the energy model, of which a drone
     takes ``drain_per_s`` in a second of hovering; a battery counts as full at ``full``. The
     changes of users who stand still are those of ``Constants.known_at`` from number ``first_known``
-    on. The fields from ``scan`` on are functions, or in compiled code their addresses;
+    on. Its store holds ``store_ubit`` of updates (NEVER: any number of them).
+    The fields from ``scan`` on are functions, or in compiled code their addresses;
     ``admission_values`` and ``battery_values`` are the addresses of the components' fields.
     """
 
@@ -104,6 +104,7 @@ class TypeRow(Row):
     first_transit: int
     first_plan: int
     first_known: int
+    store_ubit: int
     admission_values: int
     battery_values: int
     scan: int

@@ -49,9 +49,10 @@ class State(Row):
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
     the time in outages that have ended, and ``links`` are those of its users; else there are none
     (see ``rules.links``). If it ``keeps_tasks``, ``tasks`` are those of its users (see
-    ``rules.tasks``). If it ``keeps_sensors``, ``sensors`` are those of its users, which have taken
-    ``generated`` updates; ``aged`` sums twice the integrals of their ages, in µs^2, since the
-    decision epoch. If drones have to keep a distance,
+    ``rules.tasks``). If it ``keeps_sensors``, ``sensors`` are those of its users, so many of whom
+    are ``sensing`` and have taken ``generated`` updates (see ``rules.updates``); ``aged`` sums
+    twice the integrals of their ages, in µs^2, since the decision epoch. If drones have to keep a
+    distance,
     ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
     ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the least
     distance in the windows that have ended. At
@@ -94,6 +95,7 @@ class State(Row):
     keeps_credit: int
     keeps_tasks: int
     keeps_sensors: int
+    sensing: int
     generated: int
     aged: float
     handed_over: int

@@ -128,6 +128,21 @@ class Update(Row):
 
 
 @row
+class Freight(Row):
+    """What a drone carries of a sensor, if updates are delivered at the ground.
+
+    There are ``count`` updates, the freshest of which was taken at ``fresh_us``. The drone keeps
+    room for ``promised`` millionths of a bit of the one that it receives. ``before_us`` is the age
+    of the sensor just before they are delivered.
+    """
+
+    count: int
+    fresh_us: int
+    promised: int
+    before_us: int
+
+
+@row
 class Sensor(Row):
     """What is kept of a user as a sensor (see ``rules.updates``); other users have an empty buffer.
 
