@@ -22,8 +22,8 @@ from desim_uav.errors import DesimError, MissingExtraError, UsageError
 from desim_uav.experiment.progress import progress
 
 PARTS = (
-    *("transit", "crossings", "planning", "queueing", "tasks", "demand", "placement"),
-    *("mobility", "streams"),
+    *("transit", "crossings", "planning", "queueing", "tasks", "ages", "demand"),
+    *("placement", "mobility", "streams"),
     *("determinism", "conservation", "identities", "convergence", "flights", "links", "engines"),
     "optimality",
 )

@@ -63,7 +63,7 @@ def test_everything_holds_quickly(ask):
     found = rows(out)
     assert code == 0 and len(found) > 60
     assert {row[-1] for row in found} == {"yes"}
-    assert len(re.findall("^### ", out, re.MULTILINE)) == 17
+    assert len(re.findall("^### ", out, re.MULTILINE)) == 18
 
 
 def test_a_wrong_figure_is_noticed(ask, monkeypatch):

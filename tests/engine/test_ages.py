@@ -22,6 +22,13 @@ def test_another_queue_has_these_ages() -> None:
     check(ages.queues(20))
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("part", ["engines_are_equal", "curves", "visits"])
+def test_the_simulator_has_these_ages(part: str) -> None:
+    arguments = {"curves": (8, 1), "visits": (8,)}.get(part, ())
+    check(getattr(ages, part)(*arguments))
+
+
 @pytest.mark.parametrize(
     ("buffer", "expected"),
     [
