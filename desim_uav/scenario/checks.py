@@ -30,6 +30,7 @@ from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.service_checks import (
     processors_draw_from_energy,
     stages_can_be_served,
+    tasks_are_paid_and_observed,
     tasks_find_processors,
     users_can_compute,
 )
@@ -335,6 +336,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     tasks_find_processors,
     users_can_compute,
     processors_draw_from_energy,
+    tasks_are_paid_and_observed,
     components_fit_the_scenario,
     decisions_by_event_fit_the_scenario,
     free_flight_fits_the_scenario,
