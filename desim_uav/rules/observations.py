@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from annotated_types import Ge, Le
 
 from desim_uav.model.geometry.grid import cell_index
 from desim_uav.model.observations import Feature, RowObservation
@@ -14,6 +17,7 @@ from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rowcode.rows import Table
 from desim_uav.rules.battery import capacity_of, drain_per_s_of, is_limited
 from desim_uav.rules.flight import position, way_back
+from desim_uav.rules.offloading import backlog_us
 from desim_uav.rules.rows import Constants, Drone, ObservationRow, State
 
 
@@ -50,10 +54,15 @@ class Local(RowObservation):
     left. In free flight the position is that in metres and not that of the cell's centre. With a
     battery they also include its charge and n_B, and the bearing (sine and cosine
     from north) and flight time of the nearest charging station; charge and times are divided by
-    the capacity.
+    the capacity. The backlog of the drone's processor is the last one, if it is asked for.
     """
 
+    backlog_s: Annotated[float, Ge(0), Le(1e6)] = 0.0
+    """The time for which the feature `backlog` is 1: that which the drone's processor needs for the
+    tasks that are there. Longer ones are 1, too. 0: there is no such feature.
+    """
     information = "local"
+    later: ClassVar = ("backlog_s",)
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the features, all real numbers."""
@@ -66,11 +75,18 @@ class Local(RowObservation):
         if facts.capacity_s is not None:
             lows |= {"battery": 0.0, "n_b": 0.0}
             lows |= {"bearing_sin": -1.0, "bearing_cos": -1.0, "flight_time": 0.0}
+        if self.backlog_s > 0.0:
+            lows["backlog"] = 0.0
         return tuple(Feature(name, low, 1.0, False) for name, low in lows.items())
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the features, all real numbers, into ``drone.features``."""
-        write_local(world, state, drone)
+        k = write_local(world, state, drone)
+        if self.backlog_s > 0.0:
+            drone.features[k] = 0.0
+            if state.keeps_tasks:
+                lasts_us = backlog_us(world, state, drone)
+                drone.features[k] = min(lasts_us / (self.backlog_s * US), 1.0)
 
 
 @rule

@@ -41,13 +41,18 @@ class QoE(RowReward):
     """What a drone loses for the charge that a step of hovering takes. 0: charge costs nothing, and
     there is no term for it.
     """
+    deadline: RewardWeight = 0.0
+    """The weight of tasks that are done by their deadline while their user is attached to the
+    drone. It is scaled as that of QoE1: 1 if these are the drone's fair share of all that is
+    expected to be asked for. 0: there is no term for them.
+    """
     names = ("qoe1", "qoe3", "crash")
-    later: ClassVar = ("energy",)
+    later: ClassVar = ("energy", "deadline")
     keeps_credit = True
 
     def term_names(self, services: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names of the terms; there is one for energy if it costs anything."""
-        return (*self.names, "energy") if self.energy > 0.0 else self.names
+        """Return the names of the terms; those that were added later only if they have a weight."""
+        return (*self.names, *(name for name in self.later if getattr(self, name) > 0.0))
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the terms, which are those of all that the drone has done in the step."""
@@ -60,8 +65,13 @@ class QoE(RowReward):
         terms[1] = self.w3 * fair_times(world, state, lasted_us)
         if has_crashed(world, state, drone):
             terms[2] = 0.0 - self.crash
-        if self.energy > 0.0 and is_limited(world, drone):
-            terms[3] = 0.0 - self.energy * steps_of_hovering(world, drone, credit.step_used)
+        k = 3
+        if self.energy > 0.0:
+            if is_limited(world, drone):
+                terms[k] = 0.0 - self.energy * steps_of_hovering(world, drone, credit.step_used)
+            k += 1
+        if self.deadline > 0.0:
+            terms[k] = self.deadline * (credit.step_in_time * world.sharers / expected)
 
 
 @rule

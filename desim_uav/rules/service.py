@@ -346,7 +346,7 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
     state.open_requests[request.service] -= 1
     count_asking(state, user, -1)
     if state.keeps_tasks:
-        close_task(state, user, phase)
+        close_task(state, user, phase, kind)
     if state.keeps_requests:
         _log_request(world, state, request, kind)
     note(state, phase, kind, user.holder, user.index, request.number, -1)

@@ -49,9 +49,16 @@ def open_task(world: Constants, state: State, user: User) -> None:
 
 
 @rare_rule
-def close_task(state: State, user: User, phase: int) -> None:
-    """Cancel the deadline of a request that is closed now, and what is computed for it."""
+def close_task(state: State, user: User, phase: int, kind: int) -> None:
+    """Cancel the deadline of a request that is closed now, and what is computed for it.
+
+    A task that is done in time is to the credit of the drone to which its user is attached.
+    """
     undo(state, deadline_slot(state, user.index))
+    if state.keeps_credit and kind == words.ON_COMPLETE and user.holder >= 0:
+        deadline_us = state.tasks[user.index].deadline_us
+        if state.now_us <= deadline_us < words.NEVER:
+            state.senders[user.holder].credit.in_time += 1
     if computes_alone(state, user):
         end_own(state, user, phase)
 

@@ -37,6 +37,7 @@ from desim_uav.scenario.service_checks import (
     backhauls_can_be_shared,
     processors_draw_from_energy,
     stages_can_be_served,
+    tasks_are_paid_and_observed,
     tasks_find_processors,
     users_can_compute,
 )
@@ -347,6 +348,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     backhauls_can_be_shared,
     users_can_compute,
     processors_draw_from_energy,
+    tasks_are_paid_and_observed,
     components_fit_the_scenario,
     decisions_by_event_fit_the_scenario,
     free_flight_fits_the_scenario,

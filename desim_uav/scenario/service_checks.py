@@ -20,6 +20,7 @@ from desim_uav.model.services import (
     computes,
     problems_of,
     rates_bps,
+    terms_of,
 )
 from desim_uav.registry import kind_name
 from desim_uav.rowcode.components import works_on_rows
@@ -60,6 +61,7 @@ def _limit_of(stage: Stage) -> tuple[int, str]:
     return LARGEST_UBIT, "millionths of a bit"
 
 
+_NO_TASKS = "is for services that have tasks (kind: compute)"
 _NOTHING = "computes nothing: no service has tasks (kind: compute)"
 
 
@@ -122,14 +124,25 @@ def users_can_compute(scenario: Scenario) -> Iterator[Finding]:
             if users.processor is not None:
                 yield Finding((*key, "processor"), _NOTHING, (("services",),))
         if offloading != Scenario.model_fields["offloading"].default:
-            message = "is for services that have tasks (kind: compute)"
-            yield Finding(("offloading",), message, (("services",),))
+            yield Finding(("offloading",), _NO_TASKS, (("services",),))
     elif offloading.alone and all(users.processor is None for _, users in groups):
         yield Finding(
             (*groups[0][0], "processor"),
             f"is needed by offloading: {kind_name(offloading)}, for example {{ghz: 1.0}}",
             (("offloading",),),
         )
+
+
+def tasks_are_paid_and_observed(scenario: Scenario) -> Iterator[Finding]:
+    """Rewards for deadlines that no service has, and backlogs of processors without tasks."""
+    services = [one for one in scenario.services.values() if not problems_of(one)]
+    if getattr(scenario.reward, "deadline", 0.0) and all(
+        terms_of(one).deadline_us is None for one in services
+    ):
+        message = "is for services that have a deadline_s"
+        yield Finding(("reward", "deadline"), message, (("services",),))
+    if getattr(scenario.observation, "backlog_s", 0.0) and not any(map(computes, services)):
+        yield Finding(("observation", "backlog_s"), _NO_TASKS, (("services",),))
 
 
 def processors_draw_from_energy(scenario: Scenario) -> Iterator[Finding]:

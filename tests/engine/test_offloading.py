@@ -19,9 +19,10 @@ from desim_uav.experiment import tables
 from desim_uav.model.offloading import RowOffloading
 from desim_uav.model.rules import Outcome
 from desim_uav.rules.rows import Constants, State, User
+from desim_uav.scenario.cost import expected_requests
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.engine.helpers import Ask, events, fly, path_of, radio, seen
+from tests.engine.helpers import Ask, Flight, events, fly, path_of, radio, seen
 from tests.engine.test_transfers import FAR, NEAR
 
 pytestmark = pytest.mark.usefixtures("every_engine")
@@ -40,6 +41,8 @@ def world_of(
     radio: Mapping[str, Any] = RADIO,
     processor: Mapping[str, Any] = {"cores": 2, "ghz": 2},
     own_ghz: float = 1.0,
+    reward: Mapping[str, Any] = {"kind": "coverage_battery"},
+    observation: Mapping[str, Any] = {"kind": "position"},
     **service: Any,
 ) -> World:
     task = {"kind": "compute", "input_mbit": [1], "cycles_per_bit": [1000], **service}
@@ -55,7 +58,8 @@ def world_of(
         "services": {"task": task},
         "offloading": offloading,
         "demand": {"kind": "static", "mix": {"task": 1}},
-        "reward": {"kind": "coverage_battery"},
+        "reward": reward,
+        "observation": observation,
         "episode": {"steps": 4, "step_s": 60},
     }
     return build_world(from_mapping(scenario), 0)
@@ -223,3 +227,41 @@ def test_measures_agree_with_the_table() -> None:
     frame = tables.requests_table([log], world)
     assert np.allclose(frame["waiting_s"] / 60, frame["qoe2_iterations"])
     assert (frame["own_s"] <= frame["served_s"] + 1e-9).all()
+
+
+def in_time(world: World, asks: Mapping[int, Sequence[Ask]], *told: str) -> list[float]:
+    """The terms of the reward for deadlines of each step, which a drone gets."""
+    flight = Flight(world)
+    shown, terms = flight.engine.reset(path_of(world, asks)), []
+    while not (shown.terminated or shown.truncated):
+        shown = flight.engine.step([flight.command("hover")])
+        terms.append(flight.engine.terms()[0]["deadline"])
+    return terms
+
+
+def test_tasks_that_are_done_in_time_are_paid_for() -> None:
+    """Alone 3 Mbit take 3 s, and 6 Mbit 6 s, which is late; a task done at 60 s is of step 0.
+
+    The user makes one request a minute: of 4 steps with 4 requests, 1 is the fair share.
+    """
+    reward = {"kind": "qoe", "w1": 0, "w3": 0, "deadline": 2}
+    world = world_of("never", reward=reward, deadline_s=3)
+    asks = {0: [ask(1.0, 3.0), ask(10.0, 6.0), ask(57.0, 3.0), ask(70.0, 3.0)]}
+    terms = in_time(world, asks)
+    unit = 2 / (expected_requests(world.scenario) / 4)
+    assert terms == pytest.approx([2 * unit, unit, 0.0, 0.0])
+
+
+def test_a_drone_observes_the_backlog_of_its_processor() -> None:
+    """At 60 s, 2 Mbit have been sent at 58 s; 40 Gcycles take 20 s on one of the two cores.
+
+    18 s of them are left, or 9 s of both cores.
+    """
+    world = world_of("always", [NEAR], observation={"kind": "local", "backlog_s": 18})
+    flight = Flight(world)
+    flight.engine.reset(path_of(world, {0: [ask(57.0, 2.0, cycles=20_000.0)]}))
+    names = [one.name for one in world.scenario.observation.features(world.facts)]
+    assert names[-1] == "backlog"
+    assert flight.engine.features()[0][-1] == 0.0
+    flight.engine.step([flight.command("hover")])
+    assert flight.engine.features()[0][-1] == pytest.approx(0.5)

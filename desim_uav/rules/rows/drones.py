@@ -16,8 +16,9 @@ class Credit(Row):
     attached to it, and for which it was the only sender that covered them, since the decision
     epoch; the present ones add their number times now: ``Drone.attached_users``, and ``alone``.
     ``served`` and ``served_alone`` sum the shares of requests that it has done, and ``used`` is
-    what its battery had used in the episode at the decision epoch. The fields from ``step_held_us``
-    on are those of the whole step that ended last.
+    what its battery had used in the episode at the decision epoch. ``in_time`` counts the tasks of
+    its attached users that were done by their deadlines. The fields from ``step_held_us`` on are
+    those of the whole step that ended last.
     """
 
     alone: int
@@ -26,11 +27,13 @@ class Credit(Row):
     served: float
     served_alone: float
     used: int
+    in_time: int
     step_held_us: int
     step_alone_us: int
     step_served: float
     step_served_alone: float
     step_used: int
+    step_in_time: int
 
 
 @row
