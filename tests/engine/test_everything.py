@@ -26,6 +26,9 @@ from tests.engine.random_radio import audited
 from tests.verification.engines import differences, engines
 
 MANY = 400
+OF_SENSORS = {"sensing", "age"}
+"""The kinds of demand and reward that ``random_sensors`` draws."""
+
 AUDITED_IN = 4
 """In how many scenarios one is audited, which takes many times longer."""
 
@@ -74,7 +77,7 @@ def test_everything_is_drawn_and_much_is_accepted():
             drawn.update(set(_kinds(made, scenario)))
     assert drawn["accepted", True] >= 75
     for slot in ("mobility", "demand", "battery", "charging", "observation", "reward", "sharing"):
-        known = set(names(slot)) - {"trace", "coverage"}
+        known = set(names(slot)) - {"trace", "coverage"} - OF_SENSORS
         assert known <= {kind for name, kind in drawn if name == slot}, slot
     pairs = {
         (one, other)
