@@ -10,6 +10,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Any
 
 import pandas as pd
@@ -37,6 +38,7 @@ class Update:
     fate: str
     before: int | None
     after: int | None
+    drone: int
 
 
 @dataclass
@@ -64,13 +66,15 @@ class Course:
             self.above += max(0, last - max(first, limit))
         self.now = until
 
-    def deliver(self, update: Update) -> None:
-        """Let the age fall if the update is fresher than all before."""
-        assert update.before == self.age, f"age before update {update.number}"
-        if update.generated > self.freshest:
+    def deliver(self, updates: Sequence[Update]) -> None:
+        """Let the age fall once if one of these updates is fresher than all before."""
+        assert {one.before for one in updates} == {self.age}, f"age before update {updates}"
+        freshest = max(one.generated for one in updates)
+        if freshest > self.freshest:
             self.peaks.append(self.age)
-            self.freshest = update.generated
-        assert update.after == self.age >= 0, f"age after update {update.number}"
+            self.freshest = freshest
+        assert {one.after for one in updates} == {self.age}, f"age after update {updates}"
+        assert self.age >= 0, f"a negative age after update {updates}"
 
 
 def audit_updates(
@@ -133,7 +137,8 @@ def _update(row: Mapping[str, Any]) -> Update:
     before, after = _maybe(row["age_before_s"]), _maybe(row["age_after_s"])
     generated, ended = us(row["t_generated_s"]), us(row["t_end_s"])
     number, fate = row["update"], row["fate"]
-    return Update(number, generated, sent, received, delivered, ended, fate, before, after)
+    drone = -1 if pd.isna(row["drone"]) else int(row["drone"])
+    return Update(number, generated, sent, received, delivered, ended, fate, before, after, drone)
 
 
 def _numbers(own: pd.DataFrame) -> None:
@@ -220,9 +225,15 @@ def _sensor(
     limit = None if keys.get("age_limit_s") is None else us(keys["age_limit_s"])
     course = Course(until)
     delivered = [one for one in mine if one.delivered is not None]
-    for one in sorted(delivered, key=lambda one: (one.delivered, one.received, one.number)):
-        course.wait(one.ended, limit)
-        course.deliver(one)
+    grounded = keys.get("delivered") == "ground"  # a drone that lands delivers all at once
+
+    def order(one: Update) -> tuple[int, ...]:
+        return (one.ended, one.drone) if grounded else (one.ended, one.received or 0, one.number)
+
+    for _, together in groupby(sorted(delivered, key=order), key=order):
+        updates = list(together)
+        course.wait(updates[0].ended, limit)
+        course.deliver(updates)
     course.wait(until, limit)
     counts = {fate: sum(one.fate == fate for one in mine) for fate in FATES}
     assert len(mine) == row["updates"] == sum(counts.values()), "updates are not conserved"

@@ -23,9 +23,9 @@ def test_another_queue_has_these_ages() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("part", ["engines_are_equal", "curves", "visits"])
+@pytest.mark.parametrize("part", ["engines_are_equal", "curves", "at_will", "visits"])
 def test_the_simulator_has_these_ages(part: str) -> None:
-    arguments = {"curves": (8, 1), "visits": (8,)}.get(part, ())
+    arguments = {"curves": (8, 1), "at_will": (8,), "visits": (8,)}.get(part, ())
     check(getattr(ages, part)(*arguments))
 
 
@@ -74,7 +74,9 @@ def tables() -> dict[str, pd.DataFrame]:
         (10.0, nothing, nothing, nothing, 12.0, "buffered", nothing, nothing),
     ]
     columns = [*(f"t_{name}_s" for name in names), "fate", "age_before_s", "age_after_s"]
-    updates = pd.DataFrame(rows, columns=columns).assign(episode=0, user=0, service="reading")
+    updates = pd.DataFrame(rows, columns=columns).assign(
+        episode=0, user=0, service="reading", drone=0
+    )
     updates["update"] = range(len(updates))
     area = 4 * 4 / 2 + (3 + 7) / 2 * 4 + (5 + 9) / 2 * 4
     counts = {"updates": 5, "delivered": 2, "dropped": 1, "lost": 0}

@@ -5,8 +5,8 @@ shares no code with the simulator. The simulator's figures are those of scenario
 hovers over a sensor, whose updates of x Mbit take x s. Each replication is an episode of its own.
 The tables of each are audited, and this queue has to have sent each update at the same microsecond.
 
-Exponential times are a list of 1,000 values, the means of the law in its parts of equal
-probability.
+Exponential and lognormal times are lists of 1,000 values, the means of the law in its parts of
+equal probability.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 import desim_uav as du
 from desim_uav.scenario.load import loads
@@ -40,6 +41,7 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     yield from engines_are_equal()
     yield from curves(runs)
     yield peaks(runs)
+    yield from at_will(runs)
     yield from visits(runs)
 
 
@@ -196,7 +198,8 @@ def audited(flown: du.RunResult, sensor: Sensor) -> Iterator[pd.DataFrame]:
     for seed in flown.episodes["seed"]:
         own, sensors, episodes = (each[each["seed"] == seed] for each in tables)
         audit_updates(own, sensors, episodes, {"reading": BUFFERS[sensor.keeps]})
-        _again(own, sensor)
+        if "at_will" not in sensor.updates:
+            _again(own, sensor)
         yield own
 
 
@@ -209,6 +212,12 @@ def _again(own: pd.DataFrame, sensor: Sensor) -> None:
     until = round(LASTS_S * 1e6)
     expected = [t / 1e6 if t <= until else math.inf for t in come]
     assert np.allclose(arrived(own), expected, rtol=0, atol=1e-7), "another queue sends otherwise"
+
+
+def lognormal(sigma: float, values: int = 1000) -> np.ndarray:
+    """Return the means of the lognormal law of mean 1 in parts of equal probability."""
+    edges = stats.norm.ppf(np.arange(values + 1) / values)
+    return -values * np.diff(stats.norm.cdf(sigma - edges))
 
 
 # ---- the figures of the simulator
@@ -264,6 +273,19 @@ def peaks(runs: int) -> Figure:
     flown = flown_of(poisson(0.5, EXPONENTIAL).text(), runs)
     found = flown.episodes["peak_age_s"]
     return Estimate.of("M/M/1, load 0.5: mean peak, s", found, laws.peak_m_m_1(0.5))
+
+
+def at_will(runs: int) -> Iterator[Figure]:
+    """Yield ages if the next update is taken when the last is delivered, or somewhat later."""
+    for sigma in (1.0, 1.5):
+        sizes = np.round(lognormal(sigma), 6)
+        least, beta = laws.update_or_wait(sizes)
+        for what, wait_s, theory in (
+            ("at will", 0.0, laws.at_will(sizes)),
+            ("update or wait", round(beta, 6), least),
+        ):
+            sensor = Sensor(f"{{kind: at_will, wait_s: {wait_s}}}", sizes)
+            yield Estimate.of(f"{what}, sigma {sigma}: age, s", ages_of(sensor, runs), theory)
 
 
 VISITED = """
