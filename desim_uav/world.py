@@ -428,8 +428,7 @@ def build_world(scenario: Scenario, seed: int) -> World:
     width_m, depth_m = scenario.map.size_m
     grid = Grid(width_m, depth_m, height_m, levels_m, levels.step_m, under_ceiling)
     of_groups = draw_clusters(scenario, seed)
-    homes = draw_homes(scenario, seed, grid, of_groups)
-    clusters = np.concatenate(of_groups)
+    homes, clusters = draw_homes(scenario, seed, grid, of_groups), np.concatenate(of_groups)
     world = World(scenario, seed, grid, tuple(stations), tuple(starts), clusters, homes)
     _check_spaces(world)
     return world

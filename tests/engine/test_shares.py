@@ -99,7 +99,7 @@ def test_bands_are_shared_anew_whatever_has_changed_since(sharing: str) -> None:
             elif what == 0 and len(drone.sharing) > 1:
                 if request.server >= 0:
                     stop(state, state.users[user], ADMISSION)
-                leave(drone, state.users[user])
+                leave(state, drone, state.users[user])
             else:
                 graded = int(rng.integers(1, radio.classes + 1))
                 change_class(world, state, drone, state.users[user], graded, ENTRY)

@@ -398,9 +398,8 @@ class RowDraws:
         most = episodes * users * 16
         offsets = np.zeros((episodes, users + 1), np.int64)
         while True:
-            asks, drawn = (
-                np.empty((most + 1, columns), np.int64) for columns in (DRAWN, self.services.draws)
-            )
+            asks = np.empty((most + 1, DRAWN), np.int64)
+            drawn = np.empty((most + 1, self.services.draws), np.int64)
             asking = self._draw(states, offsets, asks, drawn)
             if asking.lost:
                 raise SimulationError(f"demand: {kind_of(self.demand)!r}: {_what_is_wrong(asking)}")
@@ -418,10 +417,10 @@ class RowDraws:
         """Draw the requests, and return the Asking."""
         model: Any = type(self.demand)
         code, cls, users = self._compiled, _asking_of(model), states.shape[1]
-        asking: Any
+        block = np.zeros(cls.words, np.int64)
+        asking: Any = blank(cls) if code is None else View(block, cls)
+        asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(asks) - 1
         if code is None:
-            asking = blank(cls)
-            asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(asks) - 1
             asking.states = Table(states.reshape(-1).tolist())
             asking.offsets = offsets.reshape(-1)
             asking.asks, asking.drawn = asks.reshape(-1), drawn.reshape(-1)
@@ -432,9 +431,7 @@ class RowDraws:
             draw = naming(owner, _draw_by(_ask_by(model.next_request, *flags)))
             draw(demand, asking, self._offer)
             return asking
-        block, states = np.zeros(cls.words, np.int64), np.ascontiguousarray(states)
-        asking = View(block, cls)
-        asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(asks) - 1
+        states = np.ascontiguousarray(states)
         tables = {"states": states, "offsets": offsets, "asks": asks, "drawn": drawn}
         for name, array in tables.items():
             attach(block, cls, name, array)
@@ -446,10 +443,8 @@ class RowDraws:
 def _what_is_wrong(asking: Asking) -> str:
     """Return a description of the invalid draw of a user."""
     user, asker = asking.lost - 1, asking.asker
-    draws = (
-        f"wait {asker.wait_us} µs, service {asker.service}, {asker.required_us} µs, "
-        f"{asker.bandwidth_bps} bit/s"
-    )
+    draws = f"wait {asker.wait_us} µs, service {asker.service}, {asker.required_us} µs, "
+    draws += f"{asker.bandwidth_bps} bit/s"
     if asker.draws > MOST_IDLE:
         return f"no time passes between the requests of user {user} ({draws})"
     return f"user {user} drew what is no request: {draws}"
