@@ -40,14 +40,14 @@ from desim_uav.world import World
 
 OF_ONE_ENGINE = {
     State: {
-        *("keeps_requests", "drones", "events", "closed", "handovers", "records", "point_records"),
-        *("updates", "flown", "away_m"),
+        *("keeps_events", "keeps_requests", "drones", "events", "closed", "handovers", "records"),
+        *("point_records", "updates", "flown", "away_m"),
         *("look", "sky", "slot_times", "slot_keys", "winners", "before", "before_us"),
     },
     Drone: {"route", "route_end", "features"},
 }
-"""The fields that a saved state leaves out: what the last step has added to the log, what an engine
-derives from other fields, and the numbers of hops, which each engine chooses."""
+"""The fields that a saved state leaves out: what an engine logs, what the last step has added to the
+log, what it derives from other fields, and the numbers of hops, which each engine chooses."""
 
 NOT_TOLD = {"history", "used", "gained", "counted", "course", "store"}
 """The fields that a digest leaves out: the commands, of which it has those that were given; what a

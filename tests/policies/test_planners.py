@@ -451,6 +451,21 @@ def test_both_engines_and_two_runs_give_the_same_tables(name: str):
         assert results[0].steps.equals(other.steps)
 
 
+@pytest.mark.parametrize("name", ["rollout:hover+samples=1+horizon=2", "clairvoyant:tries=1"])
+def test_an_event_log_changes_nothing(name: str):
+    """What a planner imagines has no log: it once took all memory for that of the true episode."""
+    scenario = load("tiny")
+    episode = scenario.episode.model_copy(update={"steps": 3})
+    world = build_world(scenario.model_copy(update={"episode": episode}), 0)
+    tables = [
+        run(world, load_policy(name), name, 3, keep_events=events, engine="batch")
+        for events in (True, False)
+    ]
+    assert tables[0].events is not None
+    assert tables[0].requests.equals(tables[1].requests)
+    assert tables[0].steps.equals(tables[1].steps)
+
+
 @pytest.mark.thorough
 def test_planners_are_better_than_what_they_are_made_of():
     world = build_world(load("case8"), 0)
