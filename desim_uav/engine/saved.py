@@ -46,8 +46,8 @@ OF_ONE_ENGINE = {
     },
     Drone: {"route", "route_end", "features"},
 }
-"""The fields that a saved state leaves out: what an engine logs, what the last step has added to the
-log, what it derives from other fields, and the numbers of hops, which each engine chooses."""
+"""The fields that a saved state leaves out: what an engine logs, what the last step has added to
+the log, what it derives from other fields, and the numbers of hops, which each engine chooses."""
 
 NOT_TOLD = {"history", "used", "gained", "counted", "course", "store"}
 """The fields that a digest leaves out: the commands, of which it has those that were given; what a

@@ -49,26 +49,14 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     services, epochs = len(world.services.names), world.most_epochs
     _set_flags(state, world, settings)
     observation = scenario.observation
-    state.senders = Table(_sender(world, index, buffers) for index in range(senders))
-    for sender in state.senders if state.keeps_credit else ():
-        sender.credit = blank(rows.Credit)
+    _set_senders(state, world, buffers)
     if world.services.to_ground:
         _set_stores(state, users, buffers.log * (settings.keep_steps or settings.keep_events))
-    for drone in state.senders[:drones]:
-        drone.features = Table([0.0] * len(world.features_of_types[drone.type]))
-    state.drones = Table(state.senders[:drones])
     if scenario.separation_m is not None:
         pieces = most_pieces(world)
         pairs = combinations(range(drones), 2)
         state.pairs = Table(_pair(*both, pieces) for both in pairs)
-    state.sensors = Table(_sensor(world, service) for service in world.senses)
-    again = world.services.several_stages or world.services.has_tasks or world.senses
-    draws = world.services.draws if again else 0
-    state.users = Table(_user(index, senders, draws) for index in range(users))
-    if state.keeps_links:
-        state.links = Table(_links(senders) for _ in range(users))
-    if state.keeps_tasks:
-        state.tasks = Table(blank(rows.Task) for _ in range(users))
+    _set_users(state, world, users, senders)
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
         station.queue.buffer = drones
@@ -104,6 +92,30 @@ def _set_flags(state: rows.State, world: World, settings: RunSettings) -> None:
     state.relays = int(world.services.computes and any(world.backhauls))
     state.keeps_sensors = int(len(world.senses) > 0)
     state.sensing = sum(service >= 0 for service in world.senses)
+
+
+def _set_senders(state: rows.State, world: World, buffers: Buffers) -> None:
+    """Set the drones, and the access points after them."""
+    drones = world.scenario.drone_count
+    senders = drones + len(world.scenario.access_points)
+    state.senders = Table(_sender(world, index, buffers) for index in range(senders))
+    for sender in state.senders if state.keeps_credit else ():
+        sender.credit = blank(rows.Credit)
+    for drone in state.senders[:drones]:
+        drone.features = Table([0.0] * len(world.features_of_types[drone.type]))
+    state.drones = Table(state.senders[:drones])
+
+
+def _set_users(state: rows.State, world: World, users: int, senders: int) -> None:
+    """Set the users, and what is kept of them as sensors, of their links and of their tasks."""
+    state.sensors = Table(_sensor(world, service) for service in world.senses)
+    again = world.services.several_stages or world.services.has_tasks or world.senses
+    draws = world.services.draws if again else 0
+    state.users = Table(_user(index, senders, draws) for index in range(users))
+    if state.keeps_links:
+        state.links = Table(_links(senders) for _ in range(users))
+    if state.keeps_tasks:
+        state.tasks = Table(blank(rows.Task) for _ in range(users))
 
 
 def _set_stores(state: rows.State, users: int, buffer: int) -> None:

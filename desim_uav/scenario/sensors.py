@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import islice
+from typing import Any
 
 from desim_uav.errors import did_you_mean
 from desim_uav.model.demand.demand import drawn_by, is_sensed
@@ -66,6 +67,21 @@ def what_needs_sensors_has_some(scenario: Scenario) -> Iterator[Finding]:
             "is for users whose demand is sensing, and there are none",
             (("demand",), ("users",)),
         )
+    yield from _stores_are_used(scenario, sensed)
+    for name in dict.fromkeys(getattr(demand, "service", "") for demand in sensed):
+        one = collecting_of(scenario.services.get(name))
+        lands = scenario.stations.count and scenario.limited_battery
+        if one is not None and one.ground and not (lands or scenario.access_points):
+            yield Finding(
+                ("services", name, "delivered"),
+                "no update can be delivered: drones land to charge, for which they need a battery "
+                "and a station, and there are no access points",
+                (("stations", "count"), *((*key, "battery") for key in scenario.fleet_keys)),
+            )
+
+
+def _stores_are_used(scenario: Scenario, sensed: list[Any]) -> Iterator[Finding]:
+    """Stores of drones into which no updates come."""
     own = [scenario.services.get(getattr(demand, "service", "")) for demand in sensed]
     kept = [one for one in map(collecting_of, own) if one is not None]
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
@@ -78,16 +94,6 @@ def what_needs_sensors_has_some(scenario: Scenario) -> Iterator[Finding]:
         elif drones.store_mbit is not None and not kept:
             yield Finding(
                 (*key, "store_mbit"), "stores nothing: no users are sensors", (("users",),)
-            )
-    for name in dict.fromkeys(getattr(demand, "service", "") for demand in sensed):
-        one = collecting_of(scenario.services.get(name))
-        lands = scenario.stations.count and scenario.limited_battery
-        if one is not None and one.ground and not (lands or scenario.access_points):
-            yield Finding(
-                ("services", name, "delivered"),
-                "no update can be delivered: drones land to charge, for which they need a battery "
-                "and a station, and there are no access points",
-                (("stations", "count"), *((*key, "battery") for key in scenario.fleet_keys)),
             )
 
 

@@ -95,6 +95,16 @@ RUNS = {
             "demand={kind: sensing, service: reading}",
         ),
     ),
+    "carried": (
+        RADIO,
+        "random",
+        (
+            "services={reading: {kind: collect, updates: {kind: poisson, mean_s: 20}, "
+            "size_mbit: [0.5], delivered: ground}}",
+            "demand={kind: sensing, service: reading}",
+            "drones.battery={kind: endurance, autonomy_min: 4, return_below: 0}",
+        ),
+    ),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
     "mixed": (MIXED, "random", ()),
@@ -108,7 +118,7 @@ RUNS = {
         ),
     ),
 }
-GRADED = ("radio", "far", "staged", "tasks", "edge", "sensors")
+GRADED = ("radio", "far", "staged", "tasks", "edge", "sensors", "carried")
 """The runs with links of several rates."""
 STATES = {state: look.word for state, look in USERS.items()}
 

@@ -160,27 +160,42 @@ def _follow(
         turn = np.inf if leg + 1 == after else (legs[leg + 1, T0_US] - start_us) * 1e-6
         x, y = walked(legs, leg, now_us)
         relate(air, t, (x, y, users.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
-        if not is_begun and not exact and not quick:
-            bound_steepness(air)
-        if not quick and (marked or not is_begun or t >= end):
-            _note_classes(air, t, exact, are_a_pair(air) and end > SOON_S)
+        if not quick:
+            _begin_stretch(air, t, end, marked, is_begun, exact)
         is_begun = True
         if t >= end:
             return True
         until = min(end, begins, turn)
-        if until > t:
-            if exact:
-                _pass(air, (t, until - t))
-            elif quick:
-                if not search_quickly(air, t, until - t):
-                    return False
-            else:
-                search(air, t, until - t)
+        if until > t and not _search_stretch(air, t, until - t, exact, quick):
+            return False
         t, now_us = until, float(end_us) if until == end else start_us + until * 1e6
         if turn <= t:
             leg += 1
             if until != end:
                 now_us = legs[leg, T0_US]
+
+
+@rule
+def _begin_stretch(
+    air: Air, t: float, end: float, marked: bool, is_begun: bool, exact: bool
+) -> None:
+    """Look at the start of a stretch if that is the span's first, or its end, or marks are there."""
+    if not is_begun and not exact:
+        bound_steepness(air)
+    if marked or not is_begun or t >= end:
+        _note_classes(air, t, exact, are_a_pair(air) and end > SOON_S)
+
+
+@rule
+def _search_stretch(air: Air, t: float, lasts: float, exact: bool, quick: bool) -> bool:
+    """Write the changes within a stretch; return False if curves were to decide and cannot."""
+    if exact:
+        _pass(air, (t, lasts))
+        return True
+    if quick:
+        return search_quickly(air, t, lasts)
+    search(air, t, lasts)
+    return True
 
 
 @kernel

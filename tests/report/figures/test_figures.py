@@ -418,7 +418,7 @@ class TestGrey:
         assert found == [colour.removeprefix("#") for colour in COLOURS]
 
     def test_outcomes_differ_in_lightness_or_hatch(self):
-        assert len({bar["hatch"] for bar in BARS.values()}) == len(BARS) == 4
+        assert len({bar["hatch"] for bar in BARS.values()}) == len(BARS) == 5
 
     def test_modes_differ_in_hatch(self):
         assert len({span.get("hatch") for span in SPANS.values()}) == len(SPANS)
