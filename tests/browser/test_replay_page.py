@@ -102,7 +102,7 @@ RUNS = {
             "services={reading: {kind: collect, updates: {kind: poisson, mean_s: 20}, "
             "size_mbit: [0.5], delivered: ground}}",
             "demand={kind: sensing, service: reading}",
-            "drones.battery={kind: endurance, autonomy_min: 4, return_below: 0}",
+            "drones.battery={kind: endurance, autonomy_min: 4, return_below: 0.01}",
         ),
     ),
     "asked": (ASKED, "random", ()),

@@ -179,7 +179,7 @@ def _follow(
 def _begin_stretch(
     air: Air, t: float, end: float, marked: bool, is_begun: bool, exact: bool
 ) -> None:
-    """Look at the start of a stretch if that is the span's first, or its end, or marks are there."""
+    """Look at the start of a stretch if it is the first one, the end, or one where marks are."""
     if not is_begun and not exact:
         bound_steepness(air)
     if marked or not is_begun or t >= end:
