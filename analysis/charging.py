@@ -24,6 +24,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from script import row
 
 import desim_uav as du
 from desim_uav.disk import write_whole
@@ -236,11 +237,6 @@ def drawn(peaks_min, suffix):
         return to_bytes(figure, suffix)
 
     return draw()
-
-
-def row(cells):
-    """Return a row of a Markdown table."""
-    return "| " + " | ".join(map(str, cells)) + " |"
 
 
 if __name__ == "__main__":

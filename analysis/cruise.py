@@ -20,6 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from script import row
 
 import desim_uav as du
 from desim_uav.experiment.statistics import estimate, paired
@@ -194,11 +195,6 @@ def line(name, own, chosen):
         power,
         time,
     )
-
-
-def row(cells):
-    """Return a row of a Markdown table."""
-    return "| " + " | ".join(map(str, cells)) + " |"
 
 
 def arguments():

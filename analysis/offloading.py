@@ -15,6 +15,8 @@ if they are more than 2 µs apart.
 import sys
 from pathlib import Path
 
+from script import row
+
 import desim_uav as du
 from desim_uav.disk import write_whole
 
@@ -78,11 +80,6 @@ def drawn(found, suffix):
         return to_bytes(figure, suffix)
 
     return draw()
-
-
-def row(cells):
-    """Return a row of a Markdown table."""
-    return "| " + " | ".join(map(str, cells)) + " |"
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 import pandas as pd
+from script import row
 
 import desim_uav as du
 from desim_uav.experiment.evaluate import evaluate
@@ -93,11 +94,6 @@ def shown(found, by_seed, kept):
     qoe1, qoe2, qoe3 = (f"{found[name]:.1f}" for name in MEASURES)
     more1, _, more3 = (f"{paired(by_seed[name], kept[name]):.1f}" for name in MEASURES)
     return [qoe1, more1, qoe2, qoe3, more3]
-
-
-def row(cells):
-    """Return a row of a Markdown table."""
-    return "| " + " | ".join(map(str, cells)) + " |"
 
 
 if __name__ == "__main__":

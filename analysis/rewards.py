@@ -14,6 +14,7 @@ is beside them. Further rewards are given by a name and their YAML, for instance
 import argparse
 
 import yaml
+from script import row
 
 import desim_uav as du
 from desim_uav.experiment.evaluate import evaluate
@@ -80,11 +81,6 @@ def difference(found):
     """Return a paired difference and its interval as text, the latter if there are two seeds."""
     interval = "" if found.half_width is None else f" ± {found.half_width:.1f}"
     return f"{found.mean:+.1f}{interval}"
-
-
-def row(cells):
-    """Return a row of a Markdown table."""
-    return "| " + " | ".join(map(str, cells)) + " |"
 
 
 def arguments():

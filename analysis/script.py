@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,11 @@ PICTURES = (".png", ".svg", ".pdf")
 
 Analysis = Callable[["pd.DataFrame", bool], "Figure | None"]
 """Prints a table about the requests of some runs; returns a figure if the flag asks for one."""
+
+
+def row(cells: Iterable[object]) -> str:
+    """Return a row of a Markdown table."""
+    return "| " + " | ".join(map(str, cells)) + " |"
 
 
 def run_script(analysis: Analysis, about: str | None) -> None:

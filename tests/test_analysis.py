@@ -26,6 +26,12 @@ from tests.verification.figure import Estimate
 SCRIPTS = Path(__file__).parents[1] / "analysis"
 
 
+@pytest.fixture(autouse=True)
+def beside_the_scripts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a script imports from its folder is found, as if Python had been called with it."""
+    monkeypatch.syspath_prepend(SCRIPTS)
+
+
 @pytest.mark.thorough
 def test_learned_against_optimum(capsys: pytest.CaptureFixture[str], monkeypatch):
     script = str(SCRIPTS / "learned_against_optimum.py")
@@ -214,7 +220,6 @@ def ask(capsys, monkeypatch):
     def run(question, *arguments):
         script = str(SCRIPTS / f"{question}.py")
         monkeypatch.setattr(sys, "argv", [script, *map(str, arguments)])
-        monkeypatch.syspath_prepend(SCRIPTS)
         capsys.readouterr()
         code = 0
         try:
@@ -425,8 +430,7 @@ class TestEach:
 
 
 @pytest.fixture
-def leaderboard(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
+def leaderboard():
     return runpy.run_path(str(SCRIPTS / "leaderboard.py"), run_name="leaderboard")
 
 

@@ -61,7 +61,7 @@ class Variant:
 
     @property
     def suffix(self) -> str:
-        """What the name has after that of the action."""
+        """The speed and the share as they follow the action in the name, such as ``@8.3+0.5``."""
         beside = (("@", self.cruise_mps), ("+", self.share))
         return "".join(mark + _shortest(value) for mark, value in beside if value is not None)
 

@@ -330,10 +330,19 @@ def begin_request(world: Constants, state: State, user: User, t_request_us: int)
 
 
 @rule
-def close(world: Constants, path: Path, state: State, user: User, phase: int, kind: int) -> None:
+def close(
+    world: Constants,
+    path: Path,
+    state: State,
+    user: User,
+    phase: int,
+    kind: int,
+    update: int = -1,
+) -> None:
     """Close a user's request, completed or not, and log it under a kind of event.
 
-    If the demand says so (``Path.follows``), the user's next request is scheduled from now on.
+    ``update`` is the number of the update of a sensor that is dropped with it, if there is one. If
+    the demand says so (``Path.follows``), the user's next request is scheduled from now on.
     """
     request, now_us = user.request, state.now_us
     if user.holder >= 0:
@@ -349,7 +358,7 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
         close_task(state, user, phase, kind)
     if state.keeps_requests:
         _log_request(world, state, request, kind)
-    note(state, phase, kind, user.holder, user.index, request.number, -1)
+    note(state, phase, kind, user.holder, user.index, request.number, update)
     if state.keeps_links:
         end_outage(state, user, phase)
         count_outage(state, user)

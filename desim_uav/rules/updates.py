@@ -110,19 +110,15 @@ def _drop(world: Constants, path: Path, state: State, user: User, k: int) -> Non
 @rule
 def _close_dropped(world: Constants, path: Path, state: State, user: User, update: Update) -> None:
     """Close a user's request because its update is dropped, and free what it held."""
-    logged = len(state.events)
     if user.request.server >= 0:
         stop(state, user, words.REQUEST)
     update.sent_us = user.request.t_first_us
     if user.holder >= 0:
         leave(state, state.senders[user.holder], user)
         give_room_back(state, state.senders[user.holder], user)
-    close(world, path, state, user, words.REQUEST, words.ON_DROP)
+    close(world, path, state, user, words.REQUEST, words.ON_DROP, update.number)
     if user.holder >= 0:
         scan_if_used(state, state.senders[user.holder])
-    for k in range(logged, len(state.events)):
-        if state.events[k].kind == words.ON_DROP:
-            state.events[k].station = update.number
 
 
 @rule

@@ -41,6 +41,11 @@ def unlike(seed: int, make: Callable[[int], World] = world_of) -> list[str]:
     return [name for episode in range(2) for name in differences(one, other, seed, episode)]
 
 
+def differing(seeds: range, make: Callable[[int], World]) -> dict[int, list[str]]:
+    """The seeds of which both engines differ, and in what."""
+    return {seed: names for seed in seeds if (names := unlike(seed, make))}
+
+
 def check(seeds: range) -> None:
     """Compare the engines, and audit a part of the scenarios; all are tried."""
     found: dict[int, Any] = {}

@@ -64,7 +64,7 @@ def of_updates(log: EpisodeLog) -> list[tuple[Any, ...]]:
 
 
 def fates(log: EpisodeLog) -> list[tuple[str, float]]:
-    """What became of each update, and when."""
+    """The fate of each update and its time in seconds, in the order of the numbers of updates."""
     assert [one.number for one in log.updates] == list(range(len(log.updates)))
     return [(FATES[one.fate], one.ended_us / US) for one in log.updates]
 
