@@ -18,9 +18,11 @@ from desim_uav.rules.tasks import own_parts
 def forget_credit(drone: Drone) -> None:
     """Reset what has been counted for a drone, at the start of an episode."""
     credit = drone.credit
-    credit.held_us = credit.alone_us = credit.alone = credit.used = credit.in_time = 0
+    credit.held_us = credit.alone_us = credit.alone = credit.used = 0
+    credit.in_time = credit.fallen_us = 0
     credit.served = credit.served_alone = 0.0
-    credit.step_held_us = credit.step_alone_us = credit.step_used = credit.step_in_time = 0
+    credit.step_held_us = credit.step_alone_us = credit.step_used = 0
+    credit.step_in_time = credit.step_fallen_us = 0
     credit.step_served = credit.step_served_alone = 0.0
 
 
@@ -99,6 +101,7 @@ def credit_step(state: State) -> None:
         credit.held_us, credit.alone_us = -drone.attached_users * now_us, -credit.alone * now_us
         credit.served = credit.served_alone = 0.0
         credit.step_in_time, credit.in_time = credit.in_time, 0
+        credit.step_fallen_us, credit.fallen_us = credit.fallen_us, 0
     for d in range(len(state.drones)):
         drone, credit = state.drones[d], state.drones[d].credit
         count_charge(drone, state.observations[d].charge)

@@ -24,9 +24,19 @@ from desim_uav.rules.rows import Constants, Drone, ObservationRow, State
 @register("observation", "position")
 @dataclass(frozen=True)
 class Position(RowObservation):
-    """The paper's state: cell x and y, in 3D the level, with a battery its full minutes left."""
+    """The paper's state: cell x and y, in 3D the level, with a battery its full minutes left.
 
+    What is in the drone's store is the last one, if it is asked for.
+    """
+
+    load_mbit: Annotated[float, Ge(0), Le(1e6)] = 0.0
+    """The volume of updates in the drone's store at which the feature `load` has its highest value.
+    More of them have this value, too. 0: there is no such feature.
+    """
+    load_levels: Annotated[int, Ge(1), Le(1000)] = 3
+    """The highest value of the feature `load`, which is 0 only if nothing is in the store."""
     information = "local"
+    later: ClassVar = ("load_mbit", "load_levels")
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the two to four features, which are whole numbers from 0."""
@@ -36,11 +46,16 @@ class Position(RowObservation):
             sizes["level"] = facts.grid.levels_under_ceiling
         if facts.capacity_s is not None:
             sizes["battery_min"] = 1 + int(facts.capacity_s // 60)
+        if self.load_mbit > 0.0:
+            sizes["load"] = 1 + self.load_levels
         return tuple(Feature(name, 0, size - 1, True) for name, size in sizes.items())
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the features, all whole numbers, into ``drone.features``."""
-        write_position(world, state, drone)
+        k = write_position(world, state, drone)
+        if self.load_mbit > 0.0:
+            load = load_of(drone, self.load_mbit)
+            drone.features[k] = float(math.ceil(self.load_levels * load))
 
 
 @register("observation", "local")
@@ -54,15 +69,20 @@ class Local(RowObservation):
     left. In free flight the position is that in metres and not that of the cell's centre. With a
     battery they also include its charge and n_B, and the bearing (sine and cosine
     from north) and flight time of the nearest charging station; charge and times are divided by
-    the capacity. The backlog of the drone's processor is the last one, if it is asked for.
+    the capacity. The backlog of the drone's processor and what is in its store are the last ones,
+    if they are asked for.
     """
 
     backlog_s: Annotated[float, Ge(0), Le(1e6)] = 0.0
     """The time for which the feature `backlog` is 1: that which the drone's processor needs for the
     tasks that are there. Longer ones are 1, too. 0: there is no such feature.
     """
+    load_mbit: Annotated[float, Ge(0), Le(1e6)] = 0.0
+    """The volume of updates in the drone's store for which the feature `load` is 1. For more of
+    them it is 1, too. 0: there is no such feature.
+    """
     information = "local"
-    later: ClassVar = ("backlog_s",)
+    later: ClassVar = ("backlog_s", "load_mbit")
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the features, all real numbers."""
@@ -77,16 +97,32 @@ class Local(RowObservation):
             lows |= {"bearing_sin": -1.0, "bearing_cos": -1.0, "flight_time": 0.0}
         if self.backlog_s > 0.0:
             lows["backlog"] = 0.0
+        if self.load_mbit > 0.0:
+            lows["load"] = 0.0
         return tuple(Feature(name, low, 1.0, False) for name, low in lows.items())
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the features, all real numbers, into ``drone.features``."""
         k = write_local(world, state, drone)
         if self.backlog_s > 0.0:
-            drone.features[k] = 0.0
-            if state.keeps_tasks:
-                lasts_us = backlog_us(world, state, drone)
-                drone.features[k] = min(lasts_us / (self.backlog_s * US), 1.0)
+            drone.features[k] = backlog_of(world, state, drone, self.backlog_s)
+            k += 1
+        if self.load_mbit > 0.0:
+            drone.features[k] = load_of(drone, self.load_mbit)
+
+
+@rule
+def backlog_of(world: Constants, state: State, drone: Drone, full_s: float) -> float:
+    """Return how long a drone's processor needs for the tasks there, over a time; at most 1."""
+    if not state.keeps_tasks:
+        return 0.0
+    return min(backlog_us(world, state, drone) / (full_s * US), 1.0)
+
+
+@rule
+def load_of(drone: Drone, full_mbit: float) -> float:
+    """Return how much of a drone's store is taken or promised, over a volume; at most 1."""
+    return min(float(drone.stored_ubit) / (full_mbit * 1e12), 1.0)
 
 
 @rule

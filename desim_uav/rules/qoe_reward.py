@@ -46,8 +46,13 @@ class QoE(RowReward):
     drone. It is scaled as that of QoE1: 1 if these are the drone's fair share of all that is
     expected to be asked for. 0: there is no term for them.
     """
+    age: RewardWeight = 0.0
+    """The weight of ages of sensors that fall because the drone delivers their updates. It is
+    scaled so that 1 is the drone's fair share of what all ages rise by in a step. 0: there is no
+    term for them.
+    """
     names = ("qoe1", "qoe3", "crash")
-    later: ClassVar = ("energy", "deadline")
+    later: ClassVar = ("energy", "deadline", "age")
     keeps_credit = True
 
     def term_names(self, services: tuple[str, ...]) -> tuple[str, ...]:
@@ -72,6 +77,10 @@ class QoE(RowReward):
             k += 1
         if self.deadline > 0.0:
             terms[k] = self.deadline * (credit.step_in_time * world.sharers / expected)
+            k += 1
+        if self.age > 0.0:
+            risen_us = float(state.sensing) * float(world.step_us)
+            terms[k] = self.age * (float(credit.step_fallen_us) * world.sharers / risen_us)
 
 
 @rule

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 from annotated_types import Ge, Gt, Le
 
 from desim_uav.model.observations import Feature, RowObservation
+from desim_uav.model.rules import US
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.battery import is_limited
 from desim_uav.rules.note import place
-from desim_uav.rules.observations import Local, clear_from, write_local
+from desim_uav.rules.observations import Local, backlog_of, clear_from, load_of, write_local
 from desim_uav.rules.rows import Constants, Drone, Spot, State
 from desim_uav.rules.words import CRASHED, FLYING, OPEN
 
@@ -72,6 +73,19 @@ class Radar(RowObservation):
     full: Annotated[float, Gt(0), Le(1e6)] = 8.0
     """The number of users or requests in a cell that has the value 1; the values are not limited.
     """
+    age_s: Annotated[float, Ge(0), Le(1e9)] = 0.0
+    """The age of a sensor, in seconds, that counts as one user; the ages of a cell are added up. 0:
+    there is no channel for them.
+    """
+    backlog_s: Annotated[float, Ge(0), Le(1e6)] = 0.0
+    """The time for which a drone's backlog counts as 1, as in `local`; those of the drones in a
+    cell are added up, this one's own in the middle. 0: there is no channel for them.
+    """
+    load_mbit: Annotated[float, Ge(0), Le(1e6)] = 0.0
+    """The volume for which a drone's load counts as 1, as in `local`; those of the drones in a cell
+    are added up, this one's own in the middle. 0: there is no channel for them.
+    """
+    later: ClassVar = ("age_s", "backlog_s", "load_mbit")
 
     information = "radar"
     maps_users = True
@@ -103,6 +117,12 @@ class Radar(RowObservation):
             greatest["serving"] = others
             if facts.some_charge:
                 greatest["away"] = others
+        if self.age_s > 0.0:
+            greatest["age"] = users * (facts.steps * facts.step_s / self.age_s)
+        if self.backlog_s > 0.0:
+            greatest["backlog"] = float(facts.drones)
+        if self.load_mbit > 0.0:
+            greatest["load"] = float(facts.drones)
         return greatest
 
     def shape(self, facts: Facts) -> tuple[int, int, int, int]:
@@ -140,12 +160,15 @@ class Radar(RowObservation):
                 window = _write_stations(world, drone, window)
             if self.drones:
                 window = _write_drones(world, state, drone, window)
+            if self.age_s > 0.0:
+                window = _write_ages(world, state, drone, window, self.full * self.age_s)
+            window = _write_loads(world, state, drone, window, self.backlog_s, self.load_mbit)
             k = window.at
             side *= COARSER
 
     def expected_features(self, drones: int, services: int) -> int:
         """Return a bound on the number of features of a drone."""
-        raster = 10 * self.cells_x * self.cells_y * self.scales
+        raster = 13 * self.cells_x * self.cells_y * self.scales
         return super().expected_features(drones, services) + raster
 
 
@@ -257,3 +280,42 @@ def _write_drones(world: Constants, state: State, drone: Drone, window: Window) 
             channel = 0 if observation.mode == FLYING else away
             drone.features[window.at + cell + channel] += 1.0
     return _behind(window, 1 + int(world.limited))
+
+
+@rule
+def _write_ages(
+    world: Constants, state: State, drone: Drone, window: Window, full_s: float
+) -> Window:
+    """Add up the ages of the sensors in each cell, over ``full_s``."""
+    for u in range(len(state.spots)):
+        sensor, at = state.sensors[u], state.spots[u].cell
+        cell = _cell_of(window, at // world.ny, at % world.ny)
+        if len(sensor.buffer) > 0 and cell >= 0:
+            age_us = float(state.now_us - sensor.fresh_us)
+            drone.features[window.at + cell] += age_us / (full_s * US)
+    return _behind(window, 1)
+
+
+@rule
+def _write_loads(
+    world: Constants,
+    state: State,
+    drone: Drone,
+    window: Window,
+    backlog_s: float,
+    load_mbit: float,
+) -> Window:
+    """Add up what the drones in each cell have to compute and to carry, if it is asked for."""
+    channels = int(backlog_s > 0.0) + int(load_mbit > 0.0)
+    after = _behind(window, channels)
+    for d in range(len(state.drones) if channels > 0 else 0):
+        observation, one = state.observations[d], state.drones[d]
+        cell = _cell_of(window, observation.x, observation.y)
+        if cell >= 0 and observation.mode != CRASHED:
+            k = window.at + cell
+            if backlog_s > 0.0:
+                drone.features[k] += backlog_of(world, state, one, backlog_s)
+                k += window.cells_x * window.cells_y
+            if load_mbit > 0.0:
+                drone.features[k] += load_of(one, load_mbit)
+    return after

@@ -177,7 +177,7 @@ def receive(world: Constants, state: State, drone: Drone, user: User) -> None:
     if len(drone.freight) > 0 and drone.point < 0 and _goes_to_ground(world, user):
         _store(state, drone, user, update)
     else:
-        before_us = _let_fall(world, state, user, update.generated_us)
+        before_us = _let_fall(world, state, drone, user, update.generated_us)
         sensor.delivered += 1
         note(state, words.COMPLETION, words.ON_DELIVER, drone.index, user.index, -1, update.number)
         _log(state, update, words.DELIVERED, before_us, state.now_us - sensor.fresh_us)
@@ -186,15 +186,18 @@ def receive(world: Constants, state: State, drone: Drone, user: User) -> None:
 
 
 @rule
-def _let_fall(world: Constants, state: State, user: User, generated_us: int) -> int:
+def _let_fall(world: Constants, state: State, drone: Drone, user: User, generated_us: int) -> int:
     """Let a sensor's age fall to that of an update that is delivered, and return what it was.
 
-    It does not fall if a fresher update was delivered before.
+    It does not fall if a fresher update was delivered before. What it falls by is to the credit of
+    the drone that delivers the update.
     """
     sensor = state.sensors[user.index]
     count_age(world, state, user)
     before_us = state.now_us - sensor.fresh_us
     if generated_us > sensor.fresh_us:
+        if state.keeps_credit:
+            drone.credit.fallen_us += generated_us - sensor.fresh_us
         sensor.fresh_us = generated_us
         sensor.falls += 1
         add_product(sensor.peaks_us, before_us, 1)
@@ -254,7 +257,7 @@ def unload(world: Constants, state: State, drone: Drone, phase: int) -> None:
     for u in range(len(drone.freight)):
         freight, sensor = drone.freight[u], state.sensors[u]
         if freight.count > 0:
-            freight.before_us = _let_fall(world, state, state.users[u], freight.fresh_us)
+            freight.before_us = _let_fall(world, state, drone, state.users[u], freight.fresh_us)
             sensor.delivered += freight.count
     for k in range(len(drone.store)):
         update = drone.store[k]

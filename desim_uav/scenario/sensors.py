@@ -59,14 +59,17 @@ def only_sensors_send_updates(scenario: Scenario) -> Iterator[Finding]:
 
 
 def what_needs_sensors_has_some(scenario: Scenario) -> Iterator[Finding]:
-    """A reward for sensors or stores for their updates, though there are none."""
+    """Rewards and observations of sensors, or stores for their updates, though there are none."""
     sensed = [demand for _, demand, _ in scenario.asking if is_sensed(demand)]
-    if getattr(scenario.reward, "needs_sensors", False) and not sensed:
-        yield Finding(
-            ("reward", "kind"),
-            "is for users whose demand is sensing, and there are none",
-            (("demand",), ("users",)),
-        )
+    for path, needed in (
+        (("reward", "kind"), getattr(scenario.reward, "needs_sensors", False)),
+        (("reward", "age"), getattr(scenario.reward, "age", 0.0)),
+        (("observation", "age_s"), getattr(scenario.observation, "age_s", 0.0)),
+        (("observation", "load_mbit"), getattr(scenario.observation, "load_mbit", 0.0)),
+    ):
+        if needed and not sensed:
+            message = "is for users whose demand is sensing, and there are none"
+            yield Finding(path, message, (("demand",), ("users",)))
     yield from _stores_are_used(scenario, sensed)
     for name in dict.fromkeys(getattr(demand, "service", "") for demand in sensed):
         one = collecting_of(scenario.services.get(name))
@@ -81,11 +84,15 @@ def what_needs_sensors_has_some(scenario: Scenario) -> Iterator[Finding]:
 
 
 def _stores_are_used(scenario: Scenario, sensed: list[Any]) -> Iterator[Finding]:
-    """Stores of drones into which no updates come."""
+    """Stores of drones into which no updates come, and loads of such stores as observations."""
     own = [scenario.services.get(getattr(demand, "service", "")) for demand in sensed]
     kept = [one for one in map(collecting_of, own) if one is not None]
+    stored = any(one.ground for one in kept)
+    if getattr(scenario.observation, "load_mbit", 0.0) and kept and not stored:
+        message = "shows nothing: updates are delivered: drone"
+        yield Finding(("observation", "load_mbit"), message, (("services",),))
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
-        if drones.store_mbit is not None and kept and not any(one.ground for one in kept):
+        if drones.store_mbit is not None and kept and not stored:
             yield Finding(
                 (*key, "store_mbit"),
                 "stores nothing: updates are delivered: drone",

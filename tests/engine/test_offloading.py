@@ -265,3 +265,20 @@ def test_a_drone_observes_the_backlog_of_its_processor() -> None:
     assert flight.engine.features()[0][-1] == 0.0
     flight.engine.step([flight.command("hover")])
     assert flight.engine.features()[0][-1] == pytest.approx(0.5)
+
+
+def test_a_radar_shows_backlogs() -> None:
+    """As above, in the cell of the drone, which is the only one of the map."""
+    keys = ("users", "requests", "demand", "blocked", "stations", "drones")
+    raster = {
+        "kind": "radar",
+        "cells_x": 1,
+        "cells_y": 3,
+        "scales": 1,
+        **dict.fromkeys(keys, False),
+    }
+    world = world_of("always", [NEAR], observation={**raster, "backlog_s": 18})
+    flight = Flight(world)
+    flight.engine.reset(path_of(world, {0: [ask(57.0, 2.0, cycles=20_000.0)]}))
+    flight.engine.step([flight.command("hover")])
+    assert list(flight.engine.features()[0][-3:]) == pytest.approx([0.0, 0.5, 0.0])

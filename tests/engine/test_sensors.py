@@ -17,7 +17,7 @@ from desim_uav.rules.words import FATES
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.engine.helpers import Ask, fly, path_of, radio, seen, strip
+from tests.engine.helpers import Ask, Flight, fly, path_of, radio, seen, strip
 from tests.engine.test_offloading import AWAY
 from tests.engine.test_transfers import FAR
 
@@ -330,3 +330,78 @@ def test_the_reward_is_minus_the_mean_age() -> None:
     world = carrying([NEAR])
     log = fly(world, path_of(world, {0: [held(30)]}), "hover charge")
     assert [step.reward for step in log.steps] == [-1.0, -2.0, -4.0, -6.0]
+
+
+def told(world: World, *updates: Ask, script: str = "hover charge") -> list[Any]:
+    """What engines show at each epoch, if sensor 0 takes these updates."""
+    flight = Flight(world)
+    path = path_of(world, {0: list(updates)})
+    shown = [flight.engine.reset(path)]
+    commands = [flight.command(word) for word in script.split()]
+    for k in range(world.scenario.episode.steps):
+        command = commands[k] if k < len(commands) else flight.command("hover")
+        shown.append(flight.engine.step([command] * len(world.starts)))
+    return shown
+
+
+@pytest.mark.parametrize(("sensors", "drones"), [(1, 1), (2, 1), (1, 2)])
+def test_a_drone_is_paid_for_the_ages_that_fall_by_its_deliveries(
+    sensors: int, drones: int
+) -> None:
+    """The age falls by 30 s at 60 s; each drone has a fair share of 60 s per step and sensor."""
+    reward = {"kind": "qoe", "w1": 0, "w3": 0, "age": 2}
+    away = (120.0, 120.0)
+    starts = [(4, 0), (8, 0)][:drones]
+    world = carrying([NEAR, away][:sensors], reward=reward, starts=starts)
+    shown = told(world, held(30))
+    terms = [[each["age"] for each in one.reward_terms] for one in shown[1:]]
+    unit = 2 * (30 / 60) * drones / sensors
+    assert terms == [[one, 0.0][:drones] for one in (0.0, unit, 0.0, 0.0)]
+
+
+def test_a_fall_that_a_fresher_update_has_made_is_not_paid_again() -> None:
+    """Those of 5 and 30 s are delivered together at 60 s, which lets the age fall by 30 s."""
+    reward = {"kind": "qoe", "w1": 0, "w3": 0, "age": 1}
+    shown = told(carrying([NEAR], reward=reward), held(5), held(30))
+    assert [one.reward_terms[0]["age"] for one in shown[1:]] == [0.0, 0.5, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("observation", "expected"),
+    [
+        ({"kind": "local", "load_mbit": 4}, [0.0, 0.75, 0.0]),
+        ({"kind": "local", "load_mbit": 2}, [0.0, 1.0, 0.0]),
+        ({"kind": "position", "load_mbit": 4, "load_levels": 2}, [0, 2, 0]),
+        ({"kind": "position", "load_mbit": 4, "load_levels": 8}, [0, 6, 0]),
+        ({"kind": "position", "load_mbit": 1}, [0, 3, 0]),
+    ],
+)
+def test_a_drone_observes_its_load(observation: dict[str, Any], expected: list[float]) -> None:
+    """At 60 s it has 2 Mbit and is receiving one more; then it lands, and delivers."""
+    world = carrying([NEAR], observation=observation)
+    shown = told(world, held(5), held(30), held(59.5))
+    names = [one.name for one in world.scenario.observation.features(world.facts)]
+    assert names[-1] == "load"
+    assert [one.observations[0].features[-1] for one in shown[:3]] == expected
+
+
+def test_a_radar_shows_ages_and_loads() -> None:
+    """At 60 s the sensors are 60 s old, one is below drone 0, which carries 2 Mbit of it.
+
+    At 120 s, it has delivered the update of 30 s. Drone 1 is one cell to the west of drone 0.
+    """
+    raster = {"kind": "radar", "cells_x": 5, "cells_y": 1, "scales": 1, "full": 2}
+    none = dict.fromkeys(("users", "requests", "demand", "blocked", "stations", "drones"), False)
+    observation = {**raster, **none, "age_s": 15, "load_mbit": 4}
+    world = carrying([NEAR, (600.0, 120.0)], starts=[(4, 0), (3, 0)], observation=observation)
+    shown = told(world, held(5), held(30), script="hover charge")
+    names = [one.name for one in world.scenario.observation.features(world.facts)][-10:]
+    assert names[0] == "age0_-2_+0" and names[5] == "load0_-2_+0"
+    rows = [[one.observations[d].features[-10:] for d in (0, 1)] for one in shown[:3]]
+    age, load = [2.0, 0.0, 2.0], [0.0, 0.0, 0.5]
+    assert [list(each) for each in rows[1]] == [
+        [*age, 0.0, 0.0, *load, 0.0, 0.0],
+        [0.0, *age, 0.0, 0.0, *load, 0.0],
+    ]
+    assert not any(rows[0][0])
+    assert list(rows[2][0]) == [4.0, 0.0, 3.0, 0.0, 0.0, *[0.0] * 5]

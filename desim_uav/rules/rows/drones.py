@@ -17,7 +17,8 @@ class Credit(Row):
     epoch; the present ones add their number times now: ``Drone.attached_users``, and ``alone``.
     ``served`` and ``served_alone`` sum the shares of requests that it has done, and ``used`` is
     what its battery had used in the episode at the decision epoch. ``in_time`` counts the tasks of
-    its attached users that were done by their deadlines. The fields from ``step_held_us`` on are
+    its attached users that were done by their deadlines, and ``fallen_us`` sums by how much the
+    ages of sensors fell when it delivered their updates. The fields from ``step_held_us`` on are
     those of the whole step that ended last.
     """
 
@@ -28,12 +29,14 @@ class Credit(Row):
     served_alone: float
     used: int
     in_time: int
+    fallen_us: int
     step_held_us: int
     step_alone_us: int
     step_served: float
     step_served_alone: float
     step_used: int
     step_in_time: int
+    step_fallen_us: int
 
 
 @row
