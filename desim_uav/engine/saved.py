@@ -26,6 +26,7 @@ from desim_uav.rowcode.rows import (
     Queue,
     Row,
     Table,
+    blank,
     held_by,
     is_number,
     is_row,
@@ -251,12 +252,21 @@ def write(one: Row | View, cls: Any, values: Sequence[Any]) -> None:
             _write_entries(one, name, kind, value)
 
 
+def _row_of(cls: Any, values: Sequence[Any]) -> Any:
+    """Return a new row with these values, which rules may change."""
+    one = blank(cls)
+    write(one, cls, values)
+    return one
+
+
 def _write_entries(one: Any, name: str, kind: Any, values: Sequence[Any]) -> None:
     """Write the entries of a table or a queue."""
     entries, of = getattr(one, name), held_by(kind)
     if origin_of(kind) is Table and is_row(of):
         for each, value in zip(entries, values, strict=True):
             write(each, of, value)
+    elif isinstance(entries, Queue) and is_row(of):
+        entries[:] = [_row_of(of, value) for value in values]
     elif origin_of(kind) is Table or isinstance(entries, Queue):
         entries[:] = values
     else:

@@ -51,7 +51,8 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     observation = scenario.observation
     _set_senders(state, world, buffers)
     if world.services.to_ground:
-        _set_stores(state, users, buffers.log * (settings.keep_steps or settings.keep_events))
+        logs = settings.keep_steps or settings.keep_events or state.uploads
+        _set_stores(state, users, buffers.log * logs)
     if scenario.separation_m is not None:
         pieces = most_pieces(world)
         pairs = combinations(range(drones), 2)
@@ -90,6 +91,7 @@ def _set_flags(state: rows.State, world: World, settings: RunSettings) -> None:
     state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
     state.keeps_tasks = int(world.services.has_tasks)
     state.relays = int(world.services.computes and any(world.backhauls))
+    state.uploads = int(world.services.to_ground and any(world.backhauls))
     state.keeps_sensors = int(len(world.senses) > 0)
     state.sensing = sum(service >= 0 for service in world.senses)
 
@@ -119,7 +121,7 @@ def _set_users(state: rows.State, world: World, users: int, senders: int) -> Non
 
 
 def _set_stores(state: rows.State, users: int, buffer: int) -> None:
-    """Set the stores of all drones, with memory for so many updates that are logged."""
+    """Set the stores of all senders, with memory for so many updates, which may be none."""
     for sender in state.senders:
         sender.freight = Table(blank(rows.Freight) for _ in range(users))
         sender.store = Queue(of=rows.Update, buffer=buffer)

@@ -41,8 +41,9 @@ class Collect:
     preempt: bool = False
     """Whether, with `last`, a new update replaces the one that is being sent, too."""
     delivered: Literal["drone", "ground"] = "drone"
-    """When an update is delivered: when a drone has received its last bit (drone), or when that
-    drone has landed on a station (ground). An access point stands on the ground.
+    """When an update is delivered: when a drone has received its last bit (drone), or when it has
+    passed over that drone's backhaul, or the drone has landed on a station (ground). An access
+    point without a backhaul is at the ground.
     """
     age_limit_s: Annotated[float, Gt(0), Le(1e9)] | None = None
     """The age from which on time counts as violated, in seconds; null means it never does."""

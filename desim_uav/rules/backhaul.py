@@ -11,6 +11,9 @@ The result of a task can come from its site, the sender whose processor has comp
 sender that its user is attached to, over the backhauls of both. It is sent at one rate, all the way
 to the user, which counts at both. So that neither has to know what the other gives, the site keeps
 an equal part of what held rates leave for each such result, as if all who share it had the same.
+
+Updates in the store of a drone are sent to the ground at the rate that all of these leave: links
+come first, because their users move on, while what is stored can wait.
 """
 
 from __future__ import annotations
@@ -26,9 +29,15 @@ ASKING = -1
 
 
 @rule
+def has_one(world: Constants, drone: Drone) -> bool:
+    """Return whether a sender has a backhaul of a capacity."""
+    return bool(world.radios[drone.radio].backhaul_bps < UNLIMITED_BPS)
+
+
+@rule
 def divide(world: Constants, state: State, drone: Drone, phase: int) -> None:
     """Let a drone divide its bandwidth, and its backhaul, among requests that share."""
-    if world.radios[drone.radio].backhaul_bps < UNLIMITED_BPS:
+    if has_one(world, drone):
         _propose(world, state, drone, phase)
     call(world.radios[drone.radio].divide, (world, state, drone, phase))
 
@@ -63,6 +72,17 @@ def for_sharing_bps(drone: Drone) -> int:
     if drone.relayed == 0:
         return drone.free_bps
     return drone.free_bps - drone.relayed * part_bps(drone)
+
+
+@rule
+def for_store_bps(state: State, drone: Drone) -> int:
+    """Return what the links of a drone leave of its backhaul for the updates in its store."""
+    left_bps = for_sharing_bps(drone)
+    for k in range(len(drone.sharing)):
+        request = state.users[drone.sharing[k]].request
+        if request.server == drone.index:
+            left_bps -= request.rate
+    return max(left_bps, 0)
 
 
 @rule

@@ -6,12 +6,12 @@ from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode, until_full_us
 from desim_uav.rules.coverage import silence
+from desim_uav.rules.delivery import unload
 from desim_uav.rules.due import arrival_slot, due, key
 from desim_uav.rules.epochs import ask_at
 from desim_uav.rules.flight import hover_at, station_under
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.updates import unload
 
 
 @rare_rule

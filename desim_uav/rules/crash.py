@@ -7,6 +7,7 @@ from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode, type_of
 from desim_uav.rules.coverage import silence
+from desim_uav.rules.delivery import lose_updates
 from desim_uav.rules.due import arrival_slot, undo
 from desim_uav.rules.epochs import ask_at, asked_after_crash_us
 from desim_uav.rules.flight import appear, count_distance, hover_at, position, stay_at
@@ -14,7 +15,6 @@ from desim_uav.rules.note import note, note_drone, note_leg
 from desim_uav.rules.orientation import orient
 from desim_uav.rules.processing import lose_tasks
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.updates import lose_updates
 
 
 @rare_rule

@@ -116,15 +116,23 @@ def own_slot(state: State, user: int) -> int:
     return deadline_slot(state, len(state.users)) + user
 
 
+@rule
+def upload_slot(state: State, sender: int) -> int:
+    """Return the slot for the delivery of the first update in a sender's store by its backhaul."""
+    return own_slot(state, len(state.users)) + sender
+
+
 def slots(state: State) -> int:
     """Return the number of slots for a state.
 
     Only if users are associated ``by_level`` there are those of ``association_slot``, only if there
     are pairs of drones that of ``separation_slot``, only if access points are looked at between
-    two epochs that of ``renewal_slot``, and only if there are tasks those of ``deadline_slot`` and
-    ``own_slot``.
+    two epochs that of ``renewal_slot``, only if there are tasks those of ``deadline_slot`` and
+    ``own_slot``, and only if stored updates go over backhauls those of ``upload_slot``.
     Those before the last ones that are needed are there too.
     """
+    if state.uploads:
+        return upload_slot(state, len(state.senders))
     if state.keeps_tasks:
         return own_slot(state, len(state.users))
     if state.renews:

@@ -7,6 +7,7 @@ import math
 from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
+from desim_uav.rules.ages import count_ages
 from desim_uav.rules.battery import begin_count, count_charge
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
 from desim_uav.rules.coverage import leave_all, track
@@ -31,7 +32,7 @@ from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
 from desim_uav.rules.stores import empty_store
 from desim_uav.rules.tasks import forget_task
-from desim_uav.rules.updates import count_ages, end_sensors, forget_sensor
+from desim_uav.rules.updates import end_sensors, forget_sensor
 from desim_uav.rules.walks import look_anew
 from desim_uav.rules.wide import clear
 
@@ -106,7 +107,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.computes = 0
     drone.power_uw = drone.drawn_us = drone.rest_pj = drone.span_us = 0
     if state.keeps_sensors:
-        empty_store(drone)
+        empty_store(state, drone)
     drone.ahead.clear()
     for service in range(world.services):
         drone.served[service] = drone.asking[service] = 0

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from desim_uav.model.services import COMPUTING, NOWHERE
-from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
+from desim_uav.rules.ages import is_sensor
+from desim_uav.rules.delivery import deliver_first
 from desim_uav.rules.note import note, note_stage
 from desim_uav.rules.power import power
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
@@ -27,7 +29,7 @@ from desim_uav.rules.tasks import (
     part_offloaded,
     progress_of,
 )
-from desim_uav.rules.updates import is_sensor, receive, take_update
+from desim_uav.rules.updates import receive, take_update
 
 
 @rule
@@ -126,6 +128,14 @@ def on_own_completion(world: Constants, path: Path, state: State, user: User) ->
     if user.request.line == NOWHERE:
         user.request.done = user.request.required
         close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
+
+
+@apart
+def on_delivery(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """Deliver the first update in a sender's store, as its backhaul has carried the last bit."""
+    deliver_first(world, state, drone)
+    if state.to_scan > 0:
+        settle_after(world, path, state, words.COMPLETION)
 
 
 @rule

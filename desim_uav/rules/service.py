@@ -45,8 +45,11 @@ def wait(world: Constants, state: State, drone: Drone, user: User) -> None:
 
 @rule
 def scan_if_used(state: State, drone: Drone) -> None:
-    """Let a drone divide its bandwidth anew if there are requests that might get more of it."""
-    if len(drone.waiting) > 0 or len(drone.sharing) > 0 or state.relays:
+    """Let a drone divide its bandwidth anew if there are requests that might get more of it.
+
+    The updates in its store might get more of its backhaul.
+    """
+    if len(drone.waiting) > 0 or len(drone.sharing) > 0 or state.relays or drone.upload.under_way:
         scan_later(state, drone)
 
 

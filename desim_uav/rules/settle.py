@@ -9,6 +9,7 @@ from desim_uav.rules.attachment import attach, entered_first
 from desim_uav.rules.backhaul import divide
 from desim_uav.rules.battery import type_of
 from desim_uav.rules.classes import retune
+from desim_uav.rules.delivery import send_stored
 from desim_uav.rules.due import due, key, nothing_before, settle_slot
 from desim_uav.rules.links import unsettle
 from desim_uav.rules.power import power
@@ -93,6 +94,8 @@ def _settle_all(
                 call(process, (world, state, drone, admission))
             if state.keeps_tasks:
                 power(world, state, drone)
+            if drone.upload.under_way:
+                send_stored(world, state, drone)
         d = d + 1 if d + 1 < len(state.senders) else 0  # whoever is scanned may free a site
 
 

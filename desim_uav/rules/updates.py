@@ -10,12 +10,14 @@ from __future__ import annotations
 from desim_uav.model.services import LAST, OLDEST
 from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rules import words
+from desim_uav.rules.ages import count_age, deliver, is_sensor, log_update
+from desim_uav.rules.delivery import store
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Sensor, State, Update, User
 from desim_uav.rules.service import begin_request, close, scan_if_used, stop, wait
 from desim_uav.rules.stages import begin_anew, leave
-from desim_uav.rules.stores import empty_store, give_room_back
-from desim_uav.rules.wide import add_product, clear
+from desim_uav.rules.stores import copy_update, give_room_back, is_stored
+from desim_uav.rules.wide import clear
 
 
 @rule
@@ -32,12 +34,6 @@ def forget_sensor(state: State, user: User) -> None:
 
 
 # ---- the buffer
-
-
-@rule
-def is_sensor(state: State, user: User) -> bool:
-    """Return whether a user is a sensor."""
-    return bool(state.keeps_sensors and len(state.sensors[user.index].buffer) > 0)
 
 
 @rule
@@ -103,7 +99,7 @@ def _drop(world: Constants, path: Path, state: State, user: User, k: int) -> Non
         note(state, words.REQUEST, words.ON_DROP, user.holder, user.index, -1, update.number)
     else:
         _close_dropped(world, path, state, user, update)
-    _log(state, update, words.DROPPED, -1, -1)
+    log_update(state, update, words.DROPPED, -1, -1)
     _remove(sensor, k)
 
 
@@ -129,19 +125,10 @@ def _remove(sensor: Sensor, k: int) -> None:
         sensor.buffer[_place(sensor, last)].number = -1
     else:
         for j in range(k, 0, -1):
-            _copy(sensor.buffer[_place(sensor, j)], sensor.buffer[_place(sensor, j - 1)])
+            copy_update(sensor.buffer[_place(sensor, j)], sensor.buffer[_place(sensor, j - 1)])
         sensor.buffer[sensor.first].number = -1
         sensor.first = _place(sensor, 1)
     sensor.count = last
-
-
-@rule
-def _copy(to: Update, update: Update) -> None:
-    """Copy an update."""
-    to.number, to.user, to.generated_us = update.number, update.user, update.generated_us
-    to.attached_us, to.size, to.bps = update.attached_us, update.size, update.bps
-    to.request, to.sent_us, to.received_us = update.request, update.sent_us, update.received_us
-    to.drone = update.drone
 
 
 @rule
@@ -174,110 +161,12 @@ def receive(world: Constants, state: State, drone: Drone, user: User) -> None:
     update = sensor.buffer[sensor.first]
     update.sent_us = user.request.t_first_us
     update.received_us, update.drone = state.now_us, drone.index
-    if len(drone.freight) > 0 and drone.point < 0 and _goes_to_ground(world, user):
-        _store(state, drone, user, update)
+    if is_stored(world, drone, user):
+        store(world, state, drone, user, update)
     else:
-        before_us = _let_fall(world, state, drone, user, update.generated_us)
-        sensor.delivered += 1
-        note(state, words.COMPLETION, words.ON_DELIVER, drone.index, user.index, -1, update.number)
-        _log(state, update, words.DELIVERED, before_us, state.now_us - sensor.fresh_us)
+        deliver(world, state, drone, update, words.COMPLETION)
     _remove(sensor, 0)
     _send_next(world, state, user)
-
-
-@rule
-def _let_fall(world: Constants, state: State, drone: Drone, user: User, generated_us: int) -> int:
-    """Let a sensor's age fall to that of an update that is delivered, and return what it was.
-
-    It does not fall if a fresher update was delivered before. What it falls by is to the credit of
-    the drone that delivers the update.
-    """
-    sensor = state.sensors[user.index]
-    count_age(world, state, user)
-    before_us = state.now_us - sensor.fresh_us
-    if generated_us > sensor.fresh_us:
-        if state.keeps_credit:
-            drone.credit.fallen_us += generated_us - sensor.fresh_us
-        sensor.fresh_us = generated_us
-        sensor.falls += 1
-        add_product(sensor.peaks_us, before_us, 1)
-    return before_us
-
-
-@rule
-def count_age(world: Constants, state: State, user: User) -> None:
-    """Count the age of a sensor since it was counted last, which has risen with time.
-
-    A trapezoid's area is half of its width times the sum of its sides.
-    """
-    sensor, now_us = state.sensors[user.index], state.now_us
-    elapsed_us, sides_us = now_us - sensor.since_us, now_us + sensor.since_us - 2 * sensor.fresh_us
-    add_product(sensor.area_us2, elapsed_us, sides_us)
-    state.aged += float(elapsed_us) * float(sides_us)
-    limit_us = world.updates[world.senses[user.index]].limit_us
-    if limit_us < words.NEVER:
-        sensor.over_us += max(0, now_us - max(sensor.since_us, sensor.fresh_us + limit_us))
-    sensor.since_us = now_us
-
-
-@apart
-def count_ages(world: Constants, state: State) -> None:
-    """Count the ages of all sensors until now."""
-    for u in range(len(state.users)):
-        if is_sensor(state, state.users[u]):
-            count_age(world, state, state.users[u])
-
-
-# ---- what drones carry to the ground
-
-
-@rule
-def _goes_to_ground(world: Constants, user: User) -> bool:
-    """Return whether a user's updates are delivered at the ground."""
-    return bool(world.updates[world.senses[user.index]].ground)
-
-
-@rule
-def _store(state: State, drone: Drone, user: User, update: Update) -> None:
-    """Put an update into the store of the drone that has received it; its place was promised."""
-    freight = drone.freight[user.index]
-    freight.count += 1
-    freight.fresh_us = max(freight.fresh_us, update.generated_us)
-    freight.promised = 0
-    if state.keeps_requests or state.keeps_events:
-        _copy(drone.store.added(), update)
-
-
-@apart
-def unload(world: Constants, state: State, drone: Drone, phase: int) -> None:
-    """Deliver all updates in a drone's store, as it has landed on a station.
-
-    The age of a sensor falls once, to that of the freshest one.
-    """
-    for u in range(len(drone.freight)):
-        freight, sensor = drone.freight[u], state.sensors[u]
-        if freight.count > 0:
-            freight.before_us = _let_fall(world, state, drone, state.users[u], freight.fresh_us)
-            sensor.delivered += freight.count
-    for k in range(len(drone.store)):
-        update = drone.store[k]
-        note(state, phase, words.ON_DELIVER, drone.index, update.user, -1, update.number)
-        after_us = state.now_us - state.sensors[update.user].fresh_us
-        before_us = drone.freight[update.user].before_us
-        _log(state, update, words.DELIVERED, before_us, after_us)
-    empty_store(drone)
-
-
-@apart
-def lose_updates(world: Constants, state: State, drone: Drone) -> None:
-    """Lose all updates in the store of a drone that has crashed."""
-    for u in range(len(drone.freight)):
-        state.sensors[u].lost += drone.freight[u].count
-    for k in range(len(drone.store)):
-        update = drone.store[k]
-        note(state, words.DEPLETION, words.ON_LOSE, drone.index, update.user, -1, update.number)
-        _log(state, update, words.LOST_IN_CRASH, -1, -1)
-    empty_store(drone)
 
 
 @apart
@@ -306,7 +195,7 @@ def _is_refused(world: Constants, state: State, drone: Drone, user: User) -> boo
     """Return whether a user's update stands in no line, though the user is attached to a drone."""
     if user.holder != drone.index or user.request.number < 0 or not is_sensor(state, user):
         return False
-    return _goes_to_ground(world, user) and drone.freight[user.index].promised == 0
+    return is_stored(world, drone, user) and drone.freight[user.index].promised == 0
 
 
 @apart
@@ -320,30 +209,8 @@ def end_sensors(world: Constants, state: State) -> None:
                 update = sensor.buffer[_place(sensor, k)]
                 if update.request >= 0:
                     update.sent_us = user.request.t_first_us
-                _log(state, update, words.BUFFERED, -1, -1)
-    for d in range(len(state.drones)):
-        store = state.drones[d].store
-        for k in range(len(store)):
-            _log(state, store[k], words.STORED, -1, -1)
-
-
-@rule
-def _log(state: State, update: Update, fate: int, before_us: int, after_us: int) -> None:
-    """Log an update whose fate is known now, if requests are logged."""
-    if state.keeps_requests:
-        _append(state, update, fate, before_us, after_us)
-
-
-@rule
-def _append(state: State, update: Update, fate: int, before_us: int, after_us: int) -> None:
-    """Append an update to the log (see ``_log``)."""
-    logged = state.updates.added()
-    logged.number, logged.user, logged.generated_us = (
-        update.number,
-        update.user,
-        update.generated_us,
-    )
-    logged.size, logged.request, logged.sent_us = update.size, update.request, update.sent_us
-    logged.received_us, logged.drone = update.received_us, update.drone
-    logged.fate, logged.ended_us = fate, state.now_us
-    logged.before_us, logged.after_us = before_us, after_us
+                log_update(state, update, words.BUFFERED, -1, -1)
+    for d in range(len(state.senders)):
+        stored = state.senders[d].store
+        for k in range(len(stored)):
+            log_update(state, stored[k], words.STORED, -1, -1)

@@ -74,11 +74,12 @@ def what_needs_sensors_has_some(scenario: Scenario) -> Iterator[Finding]:
     for name in dict.fromkeys(getattr(demand, "service", "") for demand in sensed):
         one = collecting_of(scenario.services.get(name))
         lands = scenario.stations.count and scenario.limited_battery
+        lands = lands or any(drones.backhaul is not None for drones in scenario.fleet)
         if one is not None and one.ground and not (lands or scenario.access_points):
             yield Finding(
                 ("services", name, "delivered"),
                 "no update can be delivered: drones land to charge, for which they need a battery "
-                "and a station, and there are no access points",
+                "and a station, they have no backhaul, and there are no access points",
                 (("stations", "count"), *((*key, "battery") for key in scenario.fleet_keys)),
             )
 

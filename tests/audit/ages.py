@@ -230,9 +230,13 @@ def _sensor(
     def order(one: Update) -> tuple[int, ...]:
         return (one.ended, one.drone) if grounded else (one.ended, one.received or 0, one.number)
 
+    delivered.sort(key=lambda one: (one.received, one.number))
     for _, together in groupby(sorted(delivered, key=order), key=order):
         updates = list(together)
         course.wait(updates[0].ended, limit)
+        if len({(one.before, one.after) for one in updates}) > 1:
+            course.deliver(updates[:1])  # over the backhaul, just before the drone landed
+            updates = updates[1:]
         course.deliver(updates)
     course.wait(until, limit)
     counts = {fate: sum(one.fate == fate for one in mine) for fate in FATES}

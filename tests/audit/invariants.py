@@ -120,11 +120,19 @@ def _backhaul(world: Constants, state: State, drone: Drone, served: Sequence[Req
         user.request.number >= 0 for user in state.users
     ):  # lines are cleared after the last one
         assert drone.relayed == len(coming), f"results that come from {drone.index}"
+    stored = [update.size for update in drone.store]
+    if stored and (capacity_bps < UNLIMITED_BPS or state.keeps_requests):
+        promised = sum(freight.promised for freight in drone.freight)
+        assert drone.stored_ubit == promised + sum(stored), f"store of {drone.index}"
+    uploads = capacity_bps < UNLIMITED_BPS and bool(stored)
+    assert bool(drone.upload.under_way) == uploads, f"what {drone.index} uploads"
     if state.to_scan:
         return
-    assert held_bps + sum(shared) <= capacity_bps, f"backhaul of {drone.index}"
+    left_bps = capacity_bps - held_bps - sum(shared)
+    assert left_bps >= drone.upload.rate, f"backhaul of {drone.index}"
+    if uploads and not (state.relays or state.terminated or state.truncated):
+        assert drone.upload.rate == left_bps, f"backhaul of {drone.index} is idle"
     if drone.sharing and drone.proposed_bps > drone.free_bps and not state.relays:
-        left_bps = capacity_bps - held_bps - sum(shared)
         assert left_bps <= len(drone.sharing), f"backhaul of {drone.index}: {left_bps} bit/s left"
 
 

@@ -27,6 +27,8 @@ def scenario(seed: int) -> dict[str, Any]:
     grounded = any(each.get("delivered") == "ground" for each in made["services"].values())
     for drones in made["drones"] if grounded else ():
         drones["store_mbit"] = dice.of(None, 2, 9.5)
+    for each in senders if grounded and dice.of(True, False) else ():
+        each["backhaul"] = {"kind": "capacity", "kbps": dice.of(80, 700, 700, 6000)}
     made["reward"] = dice.of(made["reward"], {"kind": "age"})
     return made
 

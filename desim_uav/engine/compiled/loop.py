@@ -14,7 +14,13 @@ from desim_uav.rules.decide import on_arrival
 from desim_uav.rules.due import key, separation_slot, undo
 from desim_uav.rules.episode import begin, command, end_step, show_first, start_afresh
 from desim_uav.rules.points import on_renewal
-from desim_uav.rules.requests import on_completion, on_deadline, on_own_completion, on_request
+from desim_uav.rules.requests import (
+    on_completion,
+    on_deadline,
+    on_delivery,
+    on_own_completion,
+    on_request,
+)
 from desim_uav.rules.rows import Constants, Path, State
 from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
@@ -162,6 +168,8 @@ def _happen_rarely(world: Constants, path: Path, state: State, slot: int, separa
         on_separation(world, state)
     elif slot == separation + 1:
         on_renewal(world, path, state)
+    elif slot > separation + 1 + 2 * len(state.users):
+        on_delivery(world, path, state, state.senders[slot - separation - 2 - 2 * len(state.users)])
     elif slot > separation:
         _happen_to_task(world, path, state, slot - separation - 2)
     else:

@@ -271,7 +271,7 @@ class BatchSimulation(Engine):
             self.buffers = self.buffers._replace(crossings=crossings, log=log)
             self._make_room()
         state = rows.state
-        if stored and not (self.settings.keep_steps or self.settings.keep_events):
+        if stored and not (self.settings.keep_steps or self.settings.keep_events or state.uploads):
             state = state._replace(senders=[one._replace(store=()) for one in state.senders])
         write(self.state, State, state)
         self.set_routes(rows.routes)

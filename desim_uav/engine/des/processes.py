@@ -14,7 +14,13 @@ from desim_uav.rules.crash import crash
 from desim_uav.rules.decide import obey, on_arrival
 from desim_uav.rules.flight import station_under
 from desim_uav.rules.points import on_renewal
-from desim_uav.rules.requests import on_completion, on_deadline, on_own_completion, on_request
+from desim_uav.rules.requests import (
+    on_completion,
+    on_deadline,
+    on_delivery,
+    on_own_completion,
+    on_request,
+)
 from desim_uav.rules.rows import Drone, User
 from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
@@ -41,6 +47,8 @@ class Processes:
             self.clock.process(self.battery(drone))
         for sender in self.state.senders:
             self.clock.process(self.footprint(sender))
+            if self.state.uploads:
+                self.clock.process(self.backhaul(sender))
         for user in self.state.users:
             self.clock.process(self.user(user))
             self.clock.process(self.service(user))
@@ -110,6 +118,13 @@ class Processes:
         while True:
             yield from self.until(slot)
             on_crossing(self.world, self.path, self.state, drone)
+
+    def backhaul(self, sender: Drone) -> Process:
+        """Bring the updates in the sender's store to the ground, one after the other."""
+        slot = due.upload_slot(self.state, sender.index)
+        while True:
+            yield from self.until(slot)
+            on_delivery(self.world, self.path, self.state, sender)
 
     def user(self, user: User) -> Process:
         """Make the user's requests, one after the other."""

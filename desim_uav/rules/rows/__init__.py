@@ -53,6 +53,7 @@ from desim_uav.rules.rows.users import (
     Spot,
     Task,
     Update,
+    Upload,
     User,
     UserLinks,
     Wide,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from desim_uav.rowcode.rows import Int16, Int32, Maybe, Queue, Row, Table, row
 from desim_uav.rules.rows.flights import PlanRow
-from desim_uav.rules.rows.users import Freight, Update
+from desim_uav.rules.rows.users import Freight, Update, Upload
 from desim_uav.sky.rows import Change, TransitRow
 
 
@@ -107,8 +107,9 @@ class Drone(Row):
     the battery since ``drawn_us``, until when it was counted but for ``rest_pj`` (see
     ``rules.battery``); the depletion of the battery is foreseen for ``span_us`` of the leg.
     ``freight`` is what it carries of each user's updates, if they are delivered at the ground, and
-    ``store`` has these updates if they are logged. ``stored_ubit`` of its store are taken or
-    promised; it is ``crowded`` if it has had no room for an update of a user attached to it.
+    ``store`` has these updates if they are logged, or go over its backhaul one after the other,
+    which ``upload`` describes. ``stored_ubit`` of its store are taken or promised; it is
+    ``crowded`` if it has had no room for an update of a user attached to it.
     ``ahead`` holds the changes of class to come, the next one last. ``served`` counts the requests
     that it serves, and ``asking`` the open ones in its footprint, by service. The marks of its
     links (``model.radio.marks``) are known from ``marked_us`` until ``marked_until_us``, or not at
@@ -171,6 +172,7 @@ class Drone(Row):
     span_us: int
     freight: Table[Freight]
     store: Queue[Update]
+    upload: Upload
     stored_ubit: int
     crowded: Int16
     ahead: Queue[Change]

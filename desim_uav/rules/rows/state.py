@@ -51,8 +51,10 @@ class State(Row):
     (see ``rules.links``). If it ``keeps_tasks``, ``tasks`` are those of its users (see
     ``rules.tasks``), whose results come over backhauls if it ``relays``. If it ``keeps_sensors``,
     ``sensors`` are those of its users, so many of whom are ``sensing`` and have taken ``generated``
-    updates (see ``rules.updates``); ``aged`` sums twice the integrals of their ages, in µs^2, since
-    the decision epoch. If drones have to keep a distance, ``pairs`` are drones (0, 1), (0, 2), …;
+    updates (see ``rules.updates``), and if it ``uploads``, stored updates come to the ground over
+    backhauls (see ``rules.delivery``); ``aged`` sums twice the integrals of their ages, in µs^2,
+    since the decision epoch. If drones have to keep a distance, ``pairs`` are drones (0, 1),
+    (0, 2), …;
     ``conflicts`` counts how often two came too near, ``conflict_us`` sums the ends of these times
     less their starts, and ``nearest_m`` is the least distance in the windows that have ended. At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
@@ -94,6 +96,7 @@ class State(Row):
     keeps_credit: int
     keeps_tasks: int
     relays: int
+    uploads: int
     keeps_sensors: int
     sensing: int
     generated: int

@@ -143,6 +143,20 @@ class Freight(Row):
 
 
 @row
+class Upload(Row):
+    """How the first update in the store of a sender goes over its backhaul (``rules.delivery``).
+
+    If it is ``under_way``, ``done`` millionths of a bit have been sent until ``counted_us``, since
+    when ``rate`` of them are sent per microsecond.
+    """
+
+    under_way: int
+    done: int
+    rate: int
+    counted_us: int
+
+
+@row
 class Sensor(Row):
     """What is kept of a user as a sensor (see ``rules.updates``); other users have an empty buffer.
 
