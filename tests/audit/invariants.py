@@ -22,6 +22,8 @@ from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User
 from desim_uav.rules.words import CHARGING, CRASHED, FLYING, IN_QUEUE
 from tests.audit.instants import audit_instant
+from tests.audit.lines import audit_lines
+from tests.audit.sensors import audit_sensors
 from tests.audit.sight import possible_levels_dbm
 from tests.audit.tasks import audit_tasks
 
@@ -47,8 +49,11 @@ def audit(simulation: Simulation) -> None:
             _one_state(world, state, user)
         _geometry(simulation)
     audit_instant(simulation)
+    audit_lines(simulation)
     if state.keeps_tasks:
         audit_tasks(simulation)
+    if state.keeps_sensors:
+        audit_sensors(simulation)
 
 
 def _battery(world: Constants, state: State, drone: Drone) -> None:

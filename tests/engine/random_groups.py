@@ -12,7 +12,11 @@ from tests.engine.random_parts import Dice, accepted
 
 def scenario(seed: int) -> dict[str, Any]:
     """A scenario of ``random_all``, to whose users other groups are added."""
-    made, dice = random_all.one_of_all(seed), Dice(seed + 900_000)
+    return with_groups(random_all.one_of_all(seed), Dice(seed + 900_000))
+
+
+def with_groups(made: dict[str, Any], dice: Dice) -> dict[str, Any]:
+    """Return a scenario, to whose users up to three other groups are added."""
     volumes = any(each["kind"] == "transfer" for each in made["services"].values())
     groups = [{"name": "group0", **made["users"]}]
     for k in range(1, dice.of(1, 2, 3, 4)):

@@ -11,7 +11,11 @@ from tests.engine.random_parts import Dice, accepted
 
 def scenario(seed: int) -> dict[str, Any]:
     """A scenario of ``random_groups``, whose last groups are sensors."""
-    made, dice = random_groups.scenario(seed), Dice(seed + 1_300_000)
+    return with_sensors(random_groups.scenario(seed), Dice(seed + 1_300_000))
+
+
+def with_sensors(made: dict[str, Any], dice: Dice) -> dict[str, Any]:
+    """Return a scenario of groups, with one group of sensors or two behind them."""
     senders = [*made["drones"], *made["access_points"]]
     held = any(each.get("radio", {}).get("sharing", "held") == "held" for each in senders)
     if "mix" not in made["demand"] and made["demand"]["kind"] != "continuous":

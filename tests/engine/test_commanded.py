@@ -133,6 +133,18 @@ def test_a_drone_that_is_asked_by_event_keeps_its_share_until_it_is_asked_again(
         assert parts(log) == [0.0, 1.0]
 
 
+@every_engine
+def test_a_free_drone_that_begins_afresh_has_been_commanded_nothing() -> None:
+    world = choosing(motion={"space": "free"}, episode={"steps": 1, "step_s": 60})
+    flight = Flight(world)
+    flight.engine.reset(path_of(world))
+    flight.engine.step([[0.0, 0.0, -1.0]])
+    shown = flight.engine.reset(path_of(world, {0: [ask(0.0, 0.5)]}))
+    while not (shown.terminated or shown.truncated):
+        shown = flight.engine.step([[0.0, 0.0, 1.0]])
+    assert parts(flight.engine.log) == [1.0]
+
+
 # ---- names, masks
 
 
