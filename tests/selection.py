@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-THOROUGH_SEEDS = 6
+THOROUGH_SEEDS = 3
 """How many seeds of a range are thorough besides those that run by default."""
 
 

@@ -64,7 +64,7 @@ def test_curves_change_nothing():
 
 @pytest.mark.thorough
 def test_curves_change_nothing_in_many_skies():
-    hold_changes(3, 3000)
+    hold_changes(3, 600)
 
 
 @pytest.mark.parametrize("radio", RADIOS)
