@@ -263,7 +263,7 @@ def tables(name: str, world: World, seed: int) -> list[Any]:
     return [found, log.events, log.legs, log.steps, [row(r) for r in log.requests], sums]
 
 
-@pytest.mark.parametrize("first", by_default((0,), range(0, 40, 10), 1))
+@pytest.mark.parametrize("first", by_default((), range(0, 40, 10), 1))
 def test_drones_that_are_asked_together_fly_as_by_clock(first: int) -> None:
     """If all legs are whole steps, event by event and bit for bit."""
     for seed in range(first, first + 10):
@@ -305,7 +305,7 @@ def unlike(seed: int) -> list[str]:
     return [name for episode in range(2) for name in differences(one, other, seed, episode)]
 
 
-@pytest.mark.parametrize("first", by_default((0,), range(0, 120, 20), 1))
+@pytest.mark.parametrize("first", by_default((), range(0, 120, 20), 1))
 def test_engines_agree_in_many_random_scenarios(first: int) -> None:
     found = {seed: unlike(seed) for seed in range(first, first + 20)}
     assert {seed: names for seed, names in found.items() if names} == {}

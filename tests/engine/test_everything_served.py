@@ -11,7 +11,7 @@ from tests.selection import by_default
 from tests.verification.everything import MANY, examine, examined, parts_of
 
 
-@pytest.mark.parametrize("seed", by_default([], range(MANY), at_most=6))
+@pytest.mark.parametrize("seed", by_default([], range(MANY), at_most=3))
 def test_engines_are_equal_and_no_event_breaks_a_rule(seed: int) -> None:
     examine(world_of(seed), seed)
 

@@ -215,8 +215,7 @@ def test_no_commands_of_a_mixed_fleet_on_energy_cover_more():
     assert 0.0 < best < bound < 100.0
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", by_default((), range(1, 5), 2))
 def test_no_commands_of_other_fleets_on_energy_cover_more(seed):
     check_energy(energy_world(seed, mixed=seed != 2), seed)
 

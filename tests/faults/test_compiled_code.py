@@ -42,7 +42,11 @@ def measures(out: str) -> dict[str, Any]:
     return {key: value for key, value in json.loads(out).items() if key != "run_dir"}
 
 
-@pytest.mark.parametrize("damaged", [b"", b"garbage" * 1000], ids=["empty", "garbage"])
+@pytest.mark.parametrize(
+    "damaged",
+    [b"garbage" * 1000, pytest.param(b"", marks=pytest.mark.slow)],
+    ids=["garbage", "empty"],
+)
 def test_damaged_compiled_code_is_made_anew_with_one_line(tmp_path, damaged):
     kept = tmp_path / "kernels"
     first = called(tmp_path, *RUN, "one", NUMBA_CACHE_DIR=kept)
