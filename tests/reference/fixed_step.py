@@ -154,6 +154,8 @@ class FixedStep:
         self.services.complete(t_us)
         for drone in self.drones:
             self._arrive(drone, t_us)
+            if drone.mode in ("queued", "charging"):
+                self.services.unload(drone.index, t_us)
         self._charged()
         self.services.ask(t_us)
         for drone in self.drones:
@@ -223,6 +225,7 @@ class FixedStep:
             drone.mode, drone.crashed_us, drone.charge = "crashed", t_us, 0
             drone.hop, drone.path = None, []
             self.result.crashes += 1
+            self.services.crash(drone.index)
 
     def _position(self, drone: Drone, t_us: int) -> tuple[float, float, float]:
         if drone.mode == "crashed":
@@ -245,11 +248,14 @@ class FixedStep:
         classes, level_dbm = look(self.links, self.position_m, serving, xy, self.users_height_m)
         services = self.services
         services.changed |= bool((classes != self.classes).any())
-        self.classes = classes
+        self.classes = services.classes = classes
         for user in self.attachments.follow(t_us, classes > 0, level_dbm):
-            services.server[user] = -1
-            services.changed = True
-        services.allocate(t_us, self.attachments.holder, classes)
+            services.attach(user, self.attachments.holder)
+        running = serving.copy()
+        for drone in self.drones if self.inputs.processors else ():
+            on_ground = self.inputs.processors[drone.index].on_ground
+            running[drone.index] |= on_ground and drone.mode != "crashed"
+        services.allocate(t_us, self.attachments.holder, classes, running)
 
     def _believed(self, drone: Drone, epoch: int) -> Node:
         if self.inputs.position_error is None:
@@ -351,6 +357,7 @@ class FixedStep:
 
     def _measure(self) -> None:
         result, closed = self.result, self.result.requests
+        self.services.sensors.end(self.horizon_us)
         users = len(self.inputs.legs)
         result.qoe3 = 100.0 * result.attached_us / (users * self.horizon_us)
         if closed:

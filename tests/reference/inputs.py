@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,7 +25,12 @@ class Request:
     A request without a volume is a hold of ``bandwidth_bps`` for ``required_us``. One with
     ``volume_ubit`` (whole 1e-6 bit) is a transfer. It has a rate of ``bandwidth_bps`` where
     bandwidth is held, and elsewhere what sharing gives it. ``then`` are the stages that follow this
-    one, whose ``due_us`` says nothing; a stage of nothing is left out.
+    one, whose ``due_us`` says nothing; a stage of nothing is left out. One with ``cycles``, in
+    thousandths, is computed by the processor of whoever has received the stage before.
+
+    Of a first stage, ``on_deadline`` says what happens ``deadline_us`` after it was made: it goes
+    on (count), is closed (drop), or is closed unless a processor has begun it (leave). If it
+    ``restarts``, a stage that another transmitter goes on with begins anew.
     """
 
     due_us: int
@@ -32,6 +38,52 @@ class Request:
     bandwidth_bps: int
     volume_ubit: int = 0
     then: tuple[Request, ...] = ()
+    cycles: int = 0
+    deadline_us: int = NEVER
+    on_deadline: str = "count"
+    restarts: bool = False
+
+    @property
+    def amount(self) -> int:
+        """What this stage asks for."""
+        return self.volume_ubit or self.cycles or self.required_us
+
+    def part(self, share: float) -> Request:
+        """Return a share of this stage, rounded down."""
+        if share == 1.0:
+            return self
+        volume, cycles = int(self.volume_ubit * share), int(self.cycles * share)
+        return replace(self, volume_ubit=volume, cycles=cycles)
+
+
+@dataclass(frozen=True)
+class Processor:
+    """The processor of a transmitter: ``clock`` is in thousandths of a cycle per microsecond.
+
+    ``sharing``: first_come, processor_sharing or earliest_deadline. One that is not ``on_ground``
+    stands still unless its drone flies and serves.
+    """
+
+    cores: int
+    clock: int
+    sharing: str = "first_come"
+    on_ground: bool = False
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """How a sensor keeps its updates: up to ``buffer``, and the ``newest``, ``oldest`` or ``last``.
+
+    ``preempt``: with last, the one that is being sent is replaced as well. Drones deliver those
+    ``at_ground`` when they land; others are delivered when they are received. One who takes updates
+    at will waits until an update has been sent for ``wait_us``.
+    """
+
+    buffer: int
+    keeps: str
+    preempt: bool = False
+    at_ground: bool = False
+    wait_us: int = 0
 
 
 @dataclass(frozen=True)
@@ -60,6 +112,9 @@ class Inputs:
     leaves open, which of several equally short ways is flown: a way (hops) from a node for a drone
     with so many levels, checked here against Dijkstra's time; without it any shortest way is flown.
     ``cruise``: the speeds from which commands choose, ascending; none: ``fill_epoch`` says it.
+    ``processors``: that of each transmitter; ``clocks``: that of each user, of whom none computes
+    without. ``offloading``: always, never, shortest or split. ``sensors``: how each user keeps
+    updates, None for others; ``store_ubit``: what a drone can carry of them.
     With ``patience_us`` a drone is asked when it is free, and a reward (R1) is paid, which is
     discounted by ``gamma`` per step.
     """
@@ -99,6 +154,11 @@ class Inputs:
     wind_mps: tuple[float, float] = (0.0, 0.0)
     patience_us: int | None = None
     gamma: float = 0.9
+    processors: Sequence[Processor] = ()
+    clocks: Sequence[int] = ()
+    offloading: str = "always"
+    sensors: Sequence[Sensing | None] = ()
+    store_ubit: float = math.inf
 
 
 @dataclass
@@ -139,6 +199,7 @@ class Decision:
 class Closed:
     """A request that has ended.
 
+    ``passed`` counts the part that a user computes itself as one more stage.
     ``served_us``: the time of service, which is the time with progress of a transfer. It and
     ``delivered_ubit`` are those of all stages. Of its ``stages``, ``passed`` have been done, and
     ``done`` is the share of the next one.
@@ -148,7 +209,7 @@ class Closed:
     served_us: int
     delivered_ubit: int
     done: float
-    passed: int
+    passed: float
     stages: int
     t_request_us: int
     t_end_us: int
@@ -166,6 +227,8 @@ class Result:
 
     ``rest``: what each drone has gained between its last decision and the end.
     ``handovers``: how often a user went from one transmitter to another without a time between.
+    ``computing_us``: for how long processors of transmitters computed tasks, and ``own_us`` those
+    of users. ``ages_us``: the mean age of each sensor; ``delivered_us``: when updates were.
     """
 
     records: list[list[Record]] = field(default_factory=list)
@@ -177,6 +240,14 @@ class Result:
     crashes: int = 0
     charges: int = 0
     suppressed: int = 0
+    computing_us: int = 0
+    own_us: int = 0
+    restarts: int = 0
+    late: int = 0
+    ages_us: list[float] = field(default_factory=list)
+    delivered_us: list[int] = field(default_factory=list)
+    dropped: int = 0
+    lost: int = 0
     qoe1: float = 0.0
     qoe2: float = 0.0
     qoe3: float = 0.0

@@ -18,13 +18,14 @@ import numpy as np
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.model.rules import Action
+from desim_uav.rules.words import DELIVERED
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
 from tests.reference import by_event as stepped_by_event
 from tests.reference import fixed_step, free, free_by_event
 from tests.reference.energy import Charger, Rotor
-from tests.reference.inputs import US, Inputs, Request, Result
+from tests.reference.inputs import NEVER, US, Inputs, Processor, Request, Result, Sensing
 from tests.reference.scenario import access_points_of, association_of, links_of
 from tests.verification.asked import commands_of, decisions_of, totals, totals_of
 from tests.verification.figure import Exact, Figure
@@ -201,9 +202,11 @@ def inputs_of(
 
     legs = np.array(path.walks.legs, float)
     legs[:, 0] /= US
-    kinds = kinds_of(mapping, world)
+    kinds, offered = kinds_of(mapping, world), mapping.get("services", {})
     requests = [
-        request_of(kinds[service], due, *values)
+        task_of(offered[world.services.names[service]], due, *values)
+        if kinds[service] == "compute"
+        else request_of(kinds[service], due, *values)
         for due, service, *values in path.requests.rows.tolist()
     ]
     dies = battery is None or battery.on_crash == "remove"
@@ -241,6 +244,7 @@ def inputs_of(
         wind_mps=tuple(mapping.get("wind_mps", (0.0, 0.0))),
         patience_us=world.patience_us if world.by_event else None,
         **energy_of(mapping),
+        **services_of(mapping, world),
     )
 
 
@@ -256,6 +260,53 @@ def energy_of(mapping: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
+def services_of(mapping: dict[str, Any], world: World) -> dict[str, Any]:
+    """The processors and the sensors that a scenario's mapping describes."""
+    drones, users = mapping["drones"], mapping["users"]
+    senders = [*[drones] * drones["count"], *mapping.get("access_points", ())]
+    if "processor" not in drones and isinstance(users, dict):
+        return {}
+    groups = [users] if isinstance(users, dict) else users
+    clocks = [
+        round(group.get("processor", {}).get("ghz", 0.0) * 1e6)
+        for group in groups
+        for _ in range(group["count"])
+    ]
+    sensors = [
+        sensing_of(mapping["services"][group["demand"]["service"]])
+        if group.get("demand", {}).get("kind") == "sensing"
+        else None
+        for group in groups
+        for _ in range(group["count"])
+    ]
+    store_mbit = drones.get("store_mbit")
+    return {
+        "processors": [processor_of(each["processor"]) for each in senders if "processor" in each],
+        "clocks": clocks,
+        "offloading": mapping.get("offloading", "always"),
+        "sensors": sensors,
+        "store_ubit": math.inf if store_mbit is None else store_mbit * 1e12,
+    }
+
+
+def processor_of(given: dict[str, Any]) -> Processor:
+    """A processor as its mapping describes it."""
+    clock = round(given["ghz"] * 1e6)
+    return Processor(given["cores"], clock, given["sharing"], given["on_ground"])
+
+
+def sensing_of(service: dict[str, Any]) -> Sensing:
+    """How a sensor keeps updates of a service, as its mapping describes it."""
+    at_will = service["updates"]["kind"] == "at_will"
+    return Sensing(
+        buffer=service.get("buffer", 10),
+        keeps=service.get("keeps", "newest"),
+        preempt=service.get("preempt", False),
+        at_ground=service.get("delivered", "drone") == "ground",
+        wait_us=round(service["updates"]["wait_s"] * US) if at_will else 0,
+    )
+
+
 def kinds_of(mapping: dict[str, Any], world: World) -> list[str]:
     """The kind of each service."""
     services = mapping.get("services", {})
@@ -264,7 +315,7 @@ def kinds_of(mapping: dict[str, Any], world: World) -> list[str]:
 
 def request_of(kind: str, due_us: int, one: int, two: int, *more: int) -> Request:
     """What a request of a service of this kind asks for, given the values that it has drawn."""
-    if kind == "transfer":
+    if kind in ("transfer", "collect"):
         return Request(due_us, 0, two, one)
     if kind.endswith(":Exchange"):
         return Request(due_us, 0, 0, one, (Request(0, 0, 0, two),))
@@ -275,6 +326,25 @@ def request_of(kind: str, due_us: int, one: int, two: int, *more: int) -> Reques
     if kind.endswith(":Rounds"):
         return Request(due_us, one, two, 0, (Request(0, more[0], more[1]),))
     return Request(due_us, one, two)
+
+
+def task_of(service: dict[str, Any], due_us: int, *drawn: int) -> Request:
+    """What a task asks for, given the numbers that it has drawn; of the rates, one is held."""
+    bits, cycles_per_bit, result_bits, bps = (*drawn, 0)[:4]
+    deadline_s = service.get("deadline_s")
+    return Request(
+        due_us,
+        0,
+        bps,
+        bits * 10**6,
+        (
+            Request(0, 0, 0, cycles=bits * cycles_per_bit),
+            *[Request(0, 0, bps, result_bits * 10**6)] * any(service["output_mbit"]),
+        ),
+        deadline_us=NEVER if deadline_s is None else round(deadline_s * US),
+        on_deadline=service.get("on_deadline", "count"),
+        restarts=service.get("handover", "resume") == "restart",
+    )
 
 
 def split(rows: Any, offsets: np.ndarray) -> list[Any]:
@@ -382,10 +452,7 @@ def exact_measures(case: Case) -> dict[str, float]:
     """The measures of the model, from the engine's requests and attachments."""
     requests = case.log.requests
     stages = [len(own) for own in case.world.services.stages]
-    share = [
-        1.0 if r.done == r.required else (r.stage + r.done / r.required) / stages[r.service]
-        for r in requests
-    ]
+    share = [share_of(one, stages[one.service]) for one in requests]
     unserved = [r.t_end_us - r.t_request_us - r.served_us for r in requests]
     asked = totals(*decisions_of(case.log, case.inputs)) if case.world.by_event else {}
     return {
@@ -396,6 +463,43 @@ def exact_measures(case: Case) -> dict[str, float]:
         "qoe3": 100.0 * case.log.attached_us / (len(case.inputs.legs) * case.world.horizon_us),
         "battery_s": sum((step.charge or 0) for step in case.log.steps) / US,
         **asked,
+    }
+
+
+def share_of(one: Any, stages: int) -> float:
+    """Which share of a request has been done; its user's own part is one more stage."""
+    if one.outcome.name == "COMPLETED":
+        return 1.0
+    if one.own_us == 0:
+        return float((one.stage + one.done / one.required) / stages)
+    if one.part == 0.0:
+        return float(one.own_share)
+    return float((one.stage + one.done / one.required + one.own_share) / (stages + 1))
+
+
+def exact_services(case: Case) -> dict[str, float]:
+    """What the log says of tasks and of sensors."""
+    log, horizon_us = case.log, case.world.horizon_us
+    delivered = [one for one in log.updates if one.fate == DELIVERED]
+    ages = [one.area_us2 / 2 / horizon_us for one in log.sensors]
+    return {
+        "delay_s": sum(one.t_end_us - one.t_request_us for one in log.requests) / US,
+        "computing_s": sum(one.computing_us for one in log.requests) / US,
+        "own_s": sum(one.own_us for one in log.requests) / US,
+        "age_s": sum(ages) / US / max(len(ages), 1),
+        "delivered_s": sum(horizon_us - one.ended_us for one in delivered) / US,
+    }
+
+
+def sampled_services(case: Case, result: Result) -> dict[str, float]:
+    """The same by fixed steps."""
+    horizon_us, ages = case.world.horizon_us, result.ages_us
+    return {
+        "delay_s": sum(one.t_end_us - one.t_request_us for one in result.requests) / US,
+        "computing_s": result.computing_us / US,
+        "own_s": result.own_us / US,
+        "age_s": sum(ages) / US / max(len(ages), 1),
+        "delivered_s": sum(horizon_us - t_us for t_us in result.delivered_us) / US,
     }
 
 
@@ -421,9 +525,11 @@ def pooled_errors(
     """For each measure and dt the mean error over scenarios, less the tenth furthest off."""
     errors = np.empty((len(dts_s), len(measures), len(seeds)))
     for column, seed in enumerate(seeds):
-        exact = exact_measures(case_of(seed, scenarios))
+        case = case_of(seed, scenarios)
+        exact = exact_measures(case) | exact_services(case)
         for row, dt_s in enumerate(dts_s):
-            close = sampled_measures(sampled(seed, dt_s, scenarios))
+            result = sampled(seed, dt_s, scenarios)
+            close = sampled_measures(result) | sampled_services(case, result)
             errors[row, :, column] = [abs(close[name] - exact[name]) for name in measures]
     kept = np.sort(errors, axis=-1)[..., : math.ceil(0.9 * len(seeds))].mean(axis=-1)
     return dict(zip(measures, kept.T, strict=True))

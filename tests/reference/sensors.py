@@ -1,0 +1,110 @@
+"""Sensors at each tick: the updates in their buffers, what drones carry, and ages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tests.reference.inputs import Inputs, Request, Result
+
+
+@dataclass
+class Sensor:
+    """A buffer of updates, each with the time at which it was taken, and an age.
+
+    ``fresh_us``: when the freshest update that has been delivered was taken. The age has been
+    integrated to ``area_us2`` until ``since_us``.
+    """
+
+    buffer: list[tuple[int, Request]] = field(default_factory=list)
+    fresh_us: int = 0
+    since_us: int = 0
+    area_us2: float = 0.0
+
+    def fall(self, t_us: int, taken_us: int) -> None:
+        """Deliver an update; an older one than before changes nothing."""
+        sides_us = (self.since_us - self.fresh_us) + (t_us - self.fresh_us)
+        self.area_us2 += (t_us - self.since_us) * sides_us / 2
+        self.since_us = t_us
+        self.fresh_us = max(self.fresh_us, taken_us)
+
+
+class Sensors:
+    """All sensors. ``carried``: of each drone, its updates as user, time taken, and volume.
+
+    ``promised``: the drone that keeps room for the update which each user sends.
+    """
+
+    def __init__(self, inputs: Inputs, result: Result) -> None:
+        self.inputs, self.result = inputs, result
+        rules = inputs.sensors or [None] * len(inputs.legs)
+        self.rules = list(rules)
+        self.of = {user: Sensor() for user, rule in enumerate(rules) if rule is not None}
+        self.carried: list[list[tuple[int, int, int]]] = [[] for _ in inputs.starts]
+        self.promised: dict[int, int] = {}
+
+    def surplus(self, user: int, begun: bool) -> list[int]:
+        """Which updates of a buffer have to go, one after the other, as a new one has come last."""
+        rule, count, gone = self.rules[user], len(self.of[user].buffer), list[int]()
+        assert rule is not None
+        first = int(count > 1 and begun)
+        if rule.keeps == "last":
+            first = 0 if rule.preempt else first
+            gone = [first] * max(count - 1 - first, 0)
+        elif rule.keeps == "oldest":
+            first = count - 1
+        if count - len(gone) > rule.buffer:
+            gone.append(first)
+        return gone
+
+    def receive(self, user: int, t_us: int, server: int) -> None:
+        """Take an update out of the buffer, of which the last bit has come."""
+        taken_us, request = self.of[user].buffer.pop(0)
+        self.promised.pop(user, None)
+        if self._is_carried(user, server):
+            self.carried[server].append((user, taken_us, request.volume_ubit))
+        else:
+            self._deliver(user, t_us, taken_us)
+
+    def unload(self, d: int, t_us: int) -> bool:
+        """Deliver all that a drone carries, as it has landed. Return whether there was anything."""
+        there, self.carried[d] = self.carried[d], []
+        for user, taken_us, _ in there:
+            self._deliver(user, t_us, taken_us)
+        return bool(there)
+
+    def crash(self, d: int) -> None:
+        """Lose all that a drone carries."""
+        self.result.lost += len(self.carried[d])
+        self.carried[d] = []
+
+    def keep_room(self, holder: list[int], asked: list[tuple[int, int]]) -> None:
+        """Promise room in drones' stores to users with an open request (``asked``: when, who)."""
+        self.promised = {u: d for u, d in self.promised.items() if holder[u] == d}
+        for _, user in sorted(asked):
+            d = holder[user]
+            if self._is_carried(user, d) and user not in self.promised:
+                kept = sum(self._size(other) for other, at in self.promised.items() if at == d)
+                stored = sum(size for *_, size in self.carried[d])
+                if stored + kept + self._size(user) <= self.inputs.store_ubit:
+                    self.promised[user] = d
+
+    def has_room(self, user: int, d: int) -> bool:
+        """Whether a user's update may be sent to a transmitter."""
+        return not self._is_carried(user, d) or self.promised.get(user) == d
+
+    def end(self, horizon_us: int) -> None:
+        """Integrate ages until the end."""
+        for sensor in self.of.values():
+            sensor.fall(horizon_us, 0)
+            self.result.ages_us.append(sensor.area_us2 / horizon_us)
+
+    def _size(self, user: int) -> int:
+        return self.of[user].buffer[0][1].volume_ubit
+
+    def _is_carried(self, user: int, d: int) -> bool:
+        rule = self.rules[user]
+        return rule is not None and rule.at_ground and 0 <= d < len(self.carried)
+
+    def _deliver(self, user: int, t_us: int, taken_us: int) -> None:
+        self.of[user].fall(t_us, taken_us)
+        self.result.delivered_us.append(t_us)
