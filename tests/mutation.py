@@ -617,6 +617,27 @@ MUTATIONS = (
         "if False:",
         ("engine/test_task_logs.py",),
     ),
+    Mutation(
+        "tasks: one moves at what its site has for it, whatever the other drone has",
+        "rules/migration.py",
+        "bps = min(part_bps(drone), part_bps(site))",
+        "bps = part_bps(site)",
+        ("engine/test_migration.py",),
+    ),
+    Mutation(
+        "tasks: one that moves stays on its way when its user is handed over again",
+        "rules/migration.py",
+        "if not is_there and request.line != MOVING:",
+        "if not is_there:",
+        ("engine/test_migration.py",),
+    ),
+    Mutation(
+        "tasks: one that moves is lost with the drone that it moves to",
+        "rules/processing.py",
+        "elif user.request.number >= 0 and is_moving_to(state, user, drone):",
+        "elif False:",
+        ("engine/test_migration.py",),
+    ),
 )
 
 

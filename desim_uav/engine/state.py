@@ -151,6 +151,7 @@ def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     drone.waiting.buffer = len(world.homes)
     drone.sharing.buffer = len(world.homes) * world.links[drone.radio].radio.sharing.divides
     drone.computing.buffer = len(world.homes) * world.services.computes
+    drone.moving.buffer = len(world.homes) * world.services.migrates
     drone.ahead = Queue(of=rows.Change, buffer=buffers.crossings)
     services = len(world.services.names)
     drone.served, drone.asking = _zeros(services), _zeros(services)

@@ -100,6 +100,11 @@ class Catalogue:
         return self.computes or any(terms != NO_TERMS for terms in self.terms)
 
     @property
+    def migrates(self) -> bool:
+        """Whether tasks can move from one processor to another."""
+        return any(terms.migrates for terms in self.terms)
+
+    @property
     def computes(self) -> bool:
         """Whether a request can need a processor."""
         return any(line == COMPUTING for own in self.stages for line, *_ in own)

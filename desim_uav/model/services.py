@@ -32,10 +32,11 @@ RESOURCES = (LINK, PROCESSOR)
 """The resources of stages: the link of a user to the drone or access point it is attached to, and
 the processor of the one to which it was attached when the stage began."""
 
-WAITING, SHARING, COMPUTING, NOWHERE = range(4)
+WAITING, SHARING, COMPUTING, NOWHERE, MOVING = range(5)
 """The lines of a drone in which requests stand, by what their stages need: a rate that is held, for
 which they wait until it fits, what is left of the bandwidth, which they share, or its processor. A
-task of which no part is at a drone, because its user computes it or the rest of it, is in none."""
+task of which no part is at a drone, because its user computes it or the rest of it, is in none. One
+that moves from one processor to another stands in a line of the drone it moves to."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +70,15 @@ class Terms(NamedTuple):
 
     A request is late ``deadline_us`` after it was made (None: never); if it ``drops``, it is closed
     then, unless it ``stays_begun`` and a processor has begun to compute it. If it ``restarts``,
-    what was sent to one drone is of no use at another one.
+    what was sent to one drone is of no use at another one. If it ``migrates``, it follows its user
+    over backhauls from one processor to another, as long as none has begun to compute it.
     """
 
     deadline_us: int | None = None
     drops: bool = False
     stays_begun: bool = False
     restarts: bool = False
+    migrates: bool = False
 
 
 NO_TERMS = Terms()
@@ -318,8 +321,11 @@ class Compute:
     """What happens to late tasks: they go on (count), are closed at that instant (drop), or are
     closed if no processor has begun to compute them (leave).
     """
-    handover: Literal["resume", "restart"] = "resume"
-    """Whether bits that were sent to one drone count at another one, or are sent anew."""
+    handover: Literal["resume", "restart", "migrate"] = "resume"
+    """Whether bits that were sent to one drone count at another one (resume), or are sent anew
+    (restart); with migrate they count, and a task that a processor has, but has not begun to
+    compute, follows its user to the processor of the other drone, over the backhauls of both.
+    """
 
     def values(self) -> dict[str, NDArray[np.int64]]:
         """Return the sizes in bits, and the cycles per bit in thousandths."""
@@ -343,8 +349,9 @@ class Compute:
     def terms(self) -> Terms:
         """Return the deadline, and what a handover does."""
         deadline_us = None if self.deadline_s is None else round(self.deadline_s * US)
-        late = self.on_deadline
-        return Terms(deadline_us, late != "count", late == "leave", self.handover == "restart")
+        late, handover = self.on_deadline, self.handover
+        drops, stays_begun = late != "count", late == "leave"
+        return Terms(deadline_us, drops, stays_begun, handover == "restart", handover == "migrate")
 
 
 PAPER: dict[str, Service] = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from desim_uav.model.services import SHARING
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rules.links import count_handover, unsettle
+from desim_uav.rules.migration import follow
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.service import count_attached, scan_if_used, stop, wait
@@ -31,6 +32,7 @@ def attach(world: Constants, state: State, drone: Drone, user: User, phase: int)
     if user.request.number >= 0:
         if state.keeps_tasks:
             offload_again(world, state, user, phase)
+            follow(world, state, drone, user, phase)
         wait(world, state, drone, user)
 
 

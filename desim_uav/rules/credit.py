@@ -8,6 +8,7 @@ their number times now. All of this is counted only if ``state.keeps_credit``.
 
 from __future__ import annotations
 
+from desim_uav.model.services import MOVING
 from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rules.battery import count_charge
 from desim_uav.rules.rows import Drone, State, User
@@ -75,7 +76,7 @@ def _end_alone(state: State, drone: Drone) -> None:
 def credit_service(state: State, user: User) -> None:
     """Count what a drone has done for a user's request since this was counted last."""
     request = user.request
-    if request.number >= 0 and request.server >= 0:
+    if request.number >= 0 and request.server >= 0 and request.line != MOVING:
         amount = request.done + (state.now_us - request.counted_us) * request.rate
         amount = min(amount, request.required)
         share = float(amount - request.credited) / float(request.required)

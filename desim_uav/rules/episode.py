@@ -104,6 +104,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.sharing.clear()
     drone.shared_hz = drone.regraded = 0
     drone.computing.clear()
+    drone.moving.clear()
     drone.computes = 0
     drone.power_uw = drone.drawn_us = drone.rest_pj = drone.span_us = 0
     if state.keeps_sensors:
@@ -307,6 +308,8 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
         sender.waiting.clear()
         sender.sharing.clear()
         sender.computing.clear()
+        sender.moving.clear()
+        sender.relayed = 0
         if state.keeps_tasks:
             power(world, state, sender)
     for d in range(len(state.drones)):

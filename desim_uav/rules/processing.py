@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from desim_uav.model.processing import RowProcessing
-from desim_uav.model.services import NOWHERE, SHARING
+from desim_uav.model.services import NOWHERE
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rules.migration import call_back, is_moving_to
 from desim_uav.rules.note import note_stage
 from desim_uav.rules.power import power
 from desim_uav.rules.rows import Constants, Drone, State
 from desim_uav.rules.service import give_rate, stop, wait
 from desim_uav.rules.stages import begin_anew, leave, scan_later
-from desim_uav.rules.tasks import progress_of
+from desim_uav.rules.tasks import progress_of, stands_at
 
 
 @register("processing", "first_come")
@@ -94,7 +95,7 @@ def lose_tasks(world: Constants, state: State, drone: Drone, phase: int) -> None
     """Let all tasks that a drone has received begin anew, because it has crashed.
 
     The part of a task of which the result has come down is not lost, though the user may still be
-    computing the rest.
+    computing the rest. A task that is on its way to the drone is still where it was.
     """
     drone.computes = 0
     for u in range(len(state.users)):
@@ -103,8 +104,9 @@ def lose_tasks(world: Constants, state: State, drone: Drone, phase: int) -> None
         if user.request.number >= 0 and is_here:
             if user.request.server >= 0:
                 stop(state, user, phase)
-            at_link = user.request.line <= SHARING and user.holder >= 0
-            leave(state, state.senders[user.holder] if at_link else drone, user)
+            line = stands_at(state, user)
+            if line >= 0:
+                leave(state, state.senders[line], user)
             begin_anew(world, user.request, task.part)
             task.site = -1
             task.restarts += 1
@@ -112,4 +114,6 @@ def lose_tasks(world: Constants, state: State, drone: Drone, phase: int) -> None
             note_stage(state, phase, drone.index, user)
             if user.holder >= 0 and user.holder != drone.index:
                 wait(world, state, state.senders[user.holder], user)
+        elif user.request.number >= 0 and is_moving_to(state, user, drone):
+            call_back(world, state, user, phase)
     power(world, state, drone)

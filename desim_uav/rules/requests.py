@@ -28,6 +28,7 @@ from desim_uav.rules.tasks import (
     offload,
     part_offloaded,
     progress_of,
+    stands_at,
 )
 from desim_uav.rules.updates import receive, take_update
 
@@ -105,11 +106,9 @@ def _divide_anew(world: Constants, path: Path, state: State, drone: Drone) -> No
 @rare_rule
 def on_deadline(world: Constants, path: Path, state: State, user: User) -> None:
     """Close a user's task, which is late, and free what it held, unless it stays."""
-    request, sender = user.request, user.holder
+    request, sender = user.request, stands_at(state, user)
     if world.terms[request.service].stays_begun and has_begun(state, user):
         return
-    if request.line == COMPUTING:
-        sender = state.tasks[user.index].site
     if request.server >= 0:
         stop(state, user, words.COMPLETION)
     if sender >= 0:

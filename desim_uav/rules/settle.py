@@ -12,6 +12,7 @@ from desim_uav.rules.classes import retune
 from desim_uav.rules.delivery import send_stored
 from desim_uav.rules.due import due, key, nothing_before, settle_slot
 from desim_uav.rules.links import unsettle
+from desim_uav.rules.migration import move
 from desim_uav.rules.power import power
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import suspend
@@ -92,6 +93,8 @@ def _settle_all(
             if drone.computes and len(drone.computing) > 0:
                 process = world.processors[drone.radio].process
                 call(process, (world, state, drone, admission))
+            if state.relays and len(drone.moving) > 0:
+                move(world, state, drone, admission)
             if state.keeps_tasks:
                 power(world, state, drone)
             if drone.upload.under_way:
@@ -118,6 +121,8 @@ def _admit_first(
     """
     for d in range(len(state.senders)):
         drone = state.senders[d]
+        if len(drone.moving) > 0:
+            scan_later(state, drone)
         if len(drone.waiting) == 0 and len(drone.sharing) == 0 and not drone.crowded:
             continue
         scan_later(state, drone)

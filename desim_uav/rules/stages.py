@@ -10,8 +10,8 @@ that it holds is admitted, or in ``sharing`` until it ends. One that needs a pro
 from __future__ import annotations
 
 from desim_uav.model.catalogue import drawn_amount
-from desim_uav.model.services import SHARING, WAITING
-from desim_uav.rowcode.kernels import rule
+from desim_uav.model.services import COMPUTING, MOVING, SHARING, WAITING
+from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rowcode.rows import Queue, Table
 from desim_uav.rules.backhaul import relay_of
 from desim_uav.rules.rows import Closed, Constants, Drone, Path, Request, State, User
@@ -45,8 +45,11 @@ def begin_anew(world: Constants, request: Request, part: float) -> bool:
 
 @rule
 def next_stage(world: Constants, request: Request, part: float) -> bool:
-    """Pass a part of a request on to its next stage; return False if there is none."""
-    following = request.stage + 1
+    """Pass a part of a request on to its next stage; return False if there is none.
+
+    A task that has been moved begins the stage of which nothing was done before.
+    """
+    following = request.stage + int(request.line != MOVING)
     if following < request.stages:
         return _begin_stage(world, request, request.drawn, 0, following, part)
     return False
@@ -150,8 +153,11 @@ def leave(state: State, drone: Drone, user: User) -> None:
             drone.shared_hz = 0
         elif user.request.line == WAITING:
             drone.waiting.remove(user.index)
-        else:
+        elif user.request.line == COMPUTING:
             drone.computing.remove(user.index)
+        else:
+            drone.moving.remove(user.index)
+            count_moving(state, user, -1)
 
 
 @rule
@@ -161,6 +167,15 @@ def _count_relayed(state: State, drone: Drone, user: User, by: int) -> None:
     if site >= 0:
         state.senders[site].relayed += by
         scan_later(state, state.senders[site])
+
+
+@rare_rule
+def count_moving(state: State, user: User, by: int) -> None:
+    """Count a user's task at both ends of its way between two processors, or no longer."""
+    task = state.tasks[user.index]
+    for end in (state.senders[task.site], state.senders[task.target]):
+        end.relayed += by
+        scan_later(state, end)
 
 
 @rule

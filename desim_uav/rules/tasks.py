@@ -2,15 +2,15 @@
 
 A task, or the part of it that is offloaded, is sent to the drone or access point to which its user
 is attached, its *site*, and computed by the processor there. It stays there if the user is handed
-over. Its result then comes over the backhauls, or waits for a link to the site. The other part is
-computed by the user's own processor meanwhile. All of this is only kept if a service of the
-scenario needs it.
+over, unless it migrates (see ``rules.migration``). Its result then comes over the backhauls, or
+waits for a link to the site. The other part is computed by the user's own processor meanwhile. All
+of this is only kept if a service of the scenario needs it.
 """
 
 from __future__ import annotations
 
 from desim_uav.model.catalogue import drawn_amount
-from desim_uav.model.services import COMPUTING, NOWHERE
+from desim_uav.model.services import COMPUTING, MOVING, NOWHERE
 from desim_uav.rowcode.compiled_rows import call_for_float
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
@@ -28,7 +28,7 @@ AFTER_ALL = (1 << 24) - 2
 def forget_task(state: State, user: User) -> None:
     """Reset what is kept of a user's task."""
     task = state.tasks[user.index]
-    task.part, task.site, task.deadline_us = 1.0, -1, words.NEVER
+    task.part, task.site, task.target, task.deadline_us = 1.0, -1, -1, words.NEVER
     task.own = task.own_from_us = task.own_until_us = task.own_done = 0
     task.arrived_us = task.restarts = task.sending_us = task.uplink_us = task.computing_us = 0
 
@@ -69,6 +69,14 @@ def has_begun(state: State, user: User) -> bool:
     task, request = state.tasks[user.index], user.request
     computes = request.line == COMPUTING and request.server >= 0
     return computes or task.computing_us > 0 or task.own > 0
+
+
+@rule
+def stands_at(state: State, user: User) -> int:
+    """Return the sender in whose lines a user's request stands, if it stands in one, or -1."""
+    if user.request.line == COMPUTING:
+        return state.tasks[user.index].site
+    return state.tasks[user.index].target if user.request.line == MOVING else user.holder
 
 
 # ---- offloading
@@ -216,9 +224,13 @@ def own_parts(state: State, user: User) -> int:
 
 @rule
 def progress_of(state: State, user: User, amount: int) -> float:
-    """Return the progress of a user's request, of whose present stage ``amount`` has been done."""
+    """Return the progress of a user's request, of whose present stage ``amount`` has been done.
+
+    While a task moves, nothing of its stage is done.
+    """
     if state.keeps_tasks:
-        return _progress_of_parts(state, user, amount)
+        done = 0 if user.request.line == MOVING else amount
+        return _progress_of_parts(state, user, done)
     return progress(user.request, amount)
 
 
@@ -272,6 +284,10 @@ def log_task(world: Constants, state: State, request: Request, closed: Closed) -
     if state.keeps_tasks:
         closed.asked_cycles = cycles_of(world, request, 1.0)
         task = state.tasks[request.user]
+        if request.line == MOVING:
+            stage = world.stages[world.first_stages[request.service] + request.stage]
+            closed.done = 0
+            closed.required = part_of(drawn_amount(stage, request.drawn, 0), task.part)
         closed.deadline_us, closed.restarts = task.deadline_us, task.restarts
         closed.sending_us, closed.uplink_us = task.sending_us, task.uplink_us
         closed.computing_us, closed.part = task.computing_us, task.part

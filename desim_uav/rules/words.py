@@ -47,6 +47,7 @@ EVENT_KINDS = (
     *("conflict", "clear"),
     *("stage", "late", "compute", "computed"),
     *("generate", "drop", "deliver", "lose"),
+    "move",
 )
 """The names of the kinds of events by number; the next number, ON_LEG, is for ``note_leg``."""
 
@@ -96,6 +97,7 @@ LEADS_TO = {
     ON_DROP,
     ON_DELIVER,
     ON_LOSE,
+    ON_MOVE,
     ON_LEG,
 ) = range(len(EVENT_KINDS) + 1)
 

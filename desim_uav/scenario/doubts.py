@@ -205,6 +205,18 @@ def deadlines_can_be_met(scenario: Scenario) -> Iterator[str]:
             )
 
 
+def tasks_can_migrate(scenario: Scenario) -> Iterator[str]:
+    """Yield warnings about tasks that shall follow their users without a way to do so."""
+    joined = sum(drones.count for drones in scenario.fleet if drones.backhaul)
+    joined += sum(point.backhaul is not None for point in scenario.access_points)
+    for name, service in scenario.services.items():
+        if terms_of(service).migrates and joined < 2:
+            yield (
+                f"services.{name}: its tasks never migrate from one processor to another, which "
+                f"takes two drones or access points with a backhaul; the scenario has {joined}"
+            )
+
+
 def losses_have_bounds(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about path losses of one's own whose bounds have to be sampled."""
     for key, why in losses_without_bounds(scenario):
@@ -225,6 +237,7 @@ DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     zones_stand_in_the_way,
     services_fit_the_bandwidth,
     deadlines_can_be_met,
+    tasks_can_migrate,
     losses_have_bounds,
 )
 

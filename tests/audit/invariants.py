@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from desim_uav.model.backhaul import UNLIMITED_BPS
 from desim_uav.model.catalogue import drawn_amount
 from desim_uav.model.geometry.coverage import all_walked
-from desim_uav.model.services import COMPUTING, SHARING
+from desim_uav.model.services import COMPUTING, MOVING, SHARING
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User
@@ -101,7 +101,7 @@ def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
     _backhaul(world, state, drone, served)
     assert [sum(r.service == s for r in served) for s in range(world.services)] == drone.served
     if drone.mode != FLYING:
-        linked = [request for request in served if request.line != COMPUTING]
+        linked = [request for request in served if request.line <= SHARING]
         assert not linked, f"drone {drone.index} serves in mode {drone.mode}"
         assert drone.attached_users == 0, f"drone {drone.index} holds users in mode {drone.mode}"
         assert not drone.waiting and not drone.sharing
@@ -110,21 +110,21 @@ def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
 def _backhaul(world: Constants, state: State, drone: Drone, served: Sequence[Request]) -> None:
     """Check that what is served fits the backhaul, of which no more is left than division needs.
 
-    Results count that others send to their users over this backhaul.
+    Results count that others send to their users over this backhaul, and tasks that move over it.
     """
     capacity_bps = world.radios[drone.radio].backhaul_bps
-    relayed = [user.request for user in state.users if _site(state, user) == drone.index]
+    relayed = [user.request for user in state.users if drone.index in _ways(state, user)]
     relayed = [one for one in relayed if one.server not in (-1, drone.index)]
     over = [*served, *relayed]
     held_bps = sum(request.bandwidth_bps for request in over if not request.queued)
-    shared = [request.rate for request in over if request.queued and request.line == SHARING]
+    lines = (SHARING, MOVING)
+    shared = [request.rate for request in over if request.queued and request.line in lines]
     assert drone.free_bps == capacity_bps - held_bps, f"backhaul of {drone.index}"
     coming = [user for sender in state.senders for user in sender.sharing if sender is not drone]
     coming = [user for user in coming if _site(state, state.users[user]) == drone.index]
-    if any(
-        user.request.number >= 0 for user in state.users
-    ):  # lines are cleared after the last one
-        assert drone.relayed == len(coming), f"results that come from {drone.index}"
+    moving = [user for sender in state.senders for user in sender.moving]
+    coming += [user for user in moving if drone.index in _ways(state, state.users[user])]
+    assert drone.relayed == len(coming), f"results that come from {drone.index}"
     stored = [update.size for update in drone.store]
     if stored and (capacity_bps < UNLIMITED_BPS or state.keeps_requests):
         promised = sum(freight.promised for freight in drone.freight)
@@ -145,6 +145,13 @@ def _site(state: State, user: User) -> int:
     """Return where the result of a user's task comes from, if it has one to get, or -1."""
     has_result = state.keeps_tasks and user.request.number >= 0 and user.request.line <= SHARING
     return state.tasks[user.index].site if has_result else -1
+
+
+def _ways(state: State, user: User) -> tuple[int, ...]:
+    """Return the senders over whose backhauls a task moves, or a result comes."""
+    if user.request.number >= 0 and user.request.line == MOVING:
+        return state.tasks[user.index].site, state.tasks[user.index].target
+    return (_site(state, user),)
 
 
 def _is_joined(world: Constants, state: State, *senders: int) -> bool:
@@ -195,6 +202,7 @@ def _one_state(world: Constants, state: State, user: User) -> None:
         return
     _work(world, state, request)
     computing = [drone.index for drone in state.senders if user.index in drone.computing]
+    computing += [drone.index for drone in state.senders if user.index in drone.moving]
     in_line = bool(queues or shares or computing)
     assert bool(request.queued) == in_line, "queued without a line, or in one"
     if request.line >= COMPUTING:
@@ -247,7 +255,11 @@ def _work(world: Constants, state: State, request: Request) -> None:
     assert 0 <= request.stage < request.stages, "a stage that there is not"
     amounts = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
     if request.stages > 1:
-        assert request.required == drawn_amount(stages[request.stage], request.drawn, 0) > 0
+        needed = drawn_amount(stages[request.stage], request.drawn, 0)
+        if request.line == MOVING:
+            volumes = zip(amounts, stages, strict=False)
+            needed = sum(one for one, stage in volumes if stage.line <= SHARING and not stage.timed)
+        assert request.required == needed > 0
     assert 0 <= request.done <= request.required, "served more than requested"
     if request.server >= 0:
         amount = request.done + request.rate * (state.now_us - request.counted_us)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 from desim_uav.engine.base import ClosedRequest, EpisodeLog
-from desim_uav.model.services import COMPUTING, NOWHERE
+from desim_uav.model.services import COMPUTING, MOVING, NOWHERE
 from desim_uav.rules.processing import EarliestDeadline, FirstComeTasks, ProcessorSharing
 from desim_uav.rules.rows import Drone, State, User
 from desim_uav.rules.words import CRASHED
@@ -39,12 +39,13 @@ class Work:
 class TaskRecord:
     """What an audit has seen of an episode until ``now_us``; ``whole``: from its start.
 
-    The open request of each user is known by its number, its stage, and how often it has begun
-    anew, and is served at a rate. ``work`` is what has been done for requests, by their numbers and
-    stages; ``lines`` are the tasks at each processor, as their users and when they arrived. At a
-    processor there were tasks for ``there_us`` altogether; those that left had been there for
-    ``visits_us``. The processors of the users ``own`` compute now. Somebody served each request for
-    ``served_us``, and drones computed all tasks for ``computing_us``.
+    The open request of each user is known by its number, its stage (or the drone it moves to, see
+    ``_part``), and how often it has begun anew, and is served at a rate. ``work`` is what has been
+    done for requests, by their numbers and these parts; ``lines`` are the tasks at each processor,
+    as their users and when they arrived. At a processor there were tasks for ``there_us``
+    altogether; those that left had been there for ``visits_us``. The processors of the users
+    ``own`` compute now. Somebody served each request for ``served_us``, and drones computed all
+    tasks for ``computing_us``.
     """
 
     log: EpisodeLog
@@ -120,6 +121,16 @@ def _task(simulation: Simulation, user: User) -> None:
         assert sites == [task.site] * (task.site >= 0), f"the task of user {user.index} is lost"
         assert task.site >= 0 or user.holder < 0, f"the task of user {user.index} does not arrive"
         assert request.server in (-1, task.site), "computed at another processor"
+        if terms.migrates and task.computing_us == 0 and request.server < 0 <= task.site:
+            assert not _is_reached(simulation, user), f"the task of user {user.index} stays"
+    elif request.line == MOVING:
+        ways = [drone.index for drone in state.senders if user.index in drone.moving]
+        assert not sites and ways == [task.target], f"the task of user {user.index} is lost"
+        assert request.server in (-1, task.target), "moved to another drone"
+        assert terms.migrates and task.computing_us == 0, "a task moves that has begun"
+        assert task.target != task.site and _has_backhaul(simulation, task.site, task.target)
+        if user.holder != task.target:
+            assert not _is_reached(simulation, user), f"the task of user {user.index} does not turn"
     else:
         assert not sites, f"user {user.index} has a task at a processor that needs none"
         assert request.server in (-1, user.holder), "sent to another drone"
@@ -134,6 +145,19 @@ def _task(simulation: Simulation, user: User) -> None:
     computed = task.own > 0 or task.computing_us > 0 or request.line == COMPUTING
     if terms.drops and not (terms.stays_begun and computed):
         assert state.now_us <= task.deadline_us, f"the task of user {user.index} is late"
+
+
+def _is_reached(simulation: Simulation, user: User) -> bool:
+    """Whether a task could move to the drone that its user is attached to, if that is another."""
+    site = simulation.state.tasks[user.index].site
+    return user.holder not in (-1, site) and _has_backhaul(simulation, site, user.holder)
+
+
+def _has_backhaul(simulation: Simulation, *senders: int) -> bool:
+    """Whether all of these drones and access points have a backhaul."""
+    backhauls = simulation.world.backhauls
+    radios = [simulation.state.senders[one].radio for one in senders]
+    return all(backhauls[radio] is not None for radio in radios)
 
 
 def own_runs(state: State, user: User) -> bool:
@@ -196,7 +220,7 @@ def _done(simulation: Simulation, record: TaskRecord, user: User) -> None:
     """Check that what is done for a request is what its rates add up to."""
     world, state, request = simulation.constants, simulation.state, user.request
     task, terms = state.tasks[user.index], world.terms[request.service]
-    now = request.number, request.stage, task.restarts
+    now = request.number, _part(state, user), task.restarts
     before = record.open.get(user.index, (-1, -1, -1))
     works, counted = record.work[request.number], request.done
     if request.server >= 0:
@@ -204,15 +228,18 @@ def _done(simulation: Simulation, record: TaskRecord, user: User) -> None:
         record.rates[user.index] = request.rate
     if now != before:
         if before[0] == now[0] and before[2] != now[2]:
-            assert task.restarts == before[2] + 1 and request.stage == min(works), "not anew"
+            stages = [part for part in works if part >= 0]
+            assert task.restarts == before[2] + 1 and request.stage == min(stages), "not anew"
             works.clear()
+        elif before[0] == now[0] and min(before[1], now[1]) < 0:
+            _moved(record, user, before[1], task.site)
         stage = world.stages[world.first_stages[request.service] + request.stage]
-        works[request.stage] = Work(request.required, request.line, bool(stage.timed))
-        works[request.stage].done = 0 if record.whole else counted
+        works[now[1]] = Work(request.required, request.line, bool(stage.timed))
+        works[now[1]].done = 0 if record.whole else counted
         record.open[user.index] = now
     if request.line == NOWHERE:
         return
-    work = works[request.stage]
+    work = works[now[1]]
     if (work.required, work.line) != (request.required, request.line):
         assert work.done == 0, "another task than before"
         work.required, work.line = request.required, request.line
@@ -220,6 +247,24 @@ def _done(simulation: Simulation, record: TaskRecord, user: User) -> None:
         assert user.holder not in (-1, request.last_server), "lost without a handover"
         work.done = 0
     assert work.counts == min(counted, work.required), f"what is done for user {user.index}"
+
+
+def _part(state: State, user: User) -> int:
+    """Return the stage of a request, or -1 less the number of the drone that it moves to."""
+    task, request = state.tasks[user.index], user.request
+    return -1 - task.target if request.line == MOVING else request.stage
+
+
+def _moved(record: TaskRecord, user: User, part: int, site: int) -> None:
+    """Check that all of a task has come that arrives, and nothing was computed of one that leaves.
+
+    It is at its ``site``, and was in this ``part``.
+    """
+    work = record.work[user.request.number][part]
+    if part >= 0:
+        assert work.line == COMPUTING and work.done == 0, "a task moves that has begun"
+    elif site == -1 - part and record.whole:
+        assert work.done >= work.required, "a task arrives before its last bit"
 
 
 def _totals(simulation: Simulation, record: TaskRecord) -> None:

@@ -81,9 +81,9 @@ RUNS = {
         "random",
         (
             "services.file={kind: compute, input_mbit: [1, 9], cycles_per_bit: [800], "
-            "output_mbit: [0.1]}",
-            *("drones.processor={ghz: 0.3}", "users.processor={ghz: 0.3}", "offloading=split"),
-            "access_points=[]",
+            "output_mbit: [0.1], handover: migrate}",
+            *("drones.processor={ghz: 0.1}", "users.processor={ghz: 0.03}", "offloading=split"),
+            *("access_points=[]", "drones.backhaul={kbps: 3000}"),
         ),
     ),
     "sensors": (
@@ -1222,6 +1222,7 @@ class TestTasks:
                 assert drone["processor"]["waiting"] == sorted({*tasks} - {*busy})
                 stood, computed = stood + len(tasks), computed + len(busy)
         assert stood > computed > 0
+        assert (table(runs / "edge", "events")["kind"] == "move").any()
 
     def test_the_parts_of_a_task_are_those_of_the_table(self, page, runs):
         page.open(page_of(runs / "edge"))

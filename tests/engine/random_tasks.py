@@ -9,6 +9,7 @@ from tests.engine.random_all import CONTINUOUS, one_of_all
 from tests.engine.random_parts import Dice, accepted
 
 DISCIPLINES = ("first_come", "first_come", "processor_sharing", "earliest_deadline")
+ORDERS = ("first_come", "first_come", "earliest_deadline")
 OFFLOADING = ("always", "always", "never", "shortest", "split", "split")
 
 
@@ -47,6 +48,9 @@ def scenario(seed: int) -> dict[str, Any]:
     for each in senders:
         if everywhere or dice.of(True, False, False):
             each["backhaul"] = {"kind": "capacity", "kbps": dice.of(80, 350.5, 1000, 6000)}
+    if dice.of(True, False):
+        for service in services.values():
+            service.update({"handover": "migrate"} if service["kind"] == "compute" else {})
     return made
 
 
@@ -66,6 +70,19 @@ def relaying(seed: int) -> dict[str, Any]:
             late = {"deadline_s": dice.of(60, 150), "on_deadline": dice.of("count", "drop")}
             amounts = {"input_mbit": [0.02, 0.05], "cycles_per_bit": [9000]}
             service |= {**amounts, "output_mbit": [3, 12, 40], **dice.of({}, late)}
+    return made
+
+
+def migrating(seed: int) -> dict[str, Any]:
+    """The same scenario with long queues, whose tasks follow their users to other processors."""
+    made, dice = relaying(seed), Dice(seed + 900_000)
+    for each in [*made["drones"], *made["access_points"]]:
+        each["processor"] |= {"ghz": dice.of(0.02, 0.1), "cores": 1, "sharing": dice.of(*ORDERS)}
+        each["backhaul"] = {"kind": "capacity", "kbps": dice.of(90, 350.5, 1000)}
+    for service in made["services"].values():
+        if service["kind"] == "compute":
+            service |= {"input_mbit": dice.of([0.02, 0.4], [0.3, 1.5]), "handover": "migrate"}
+            service |= {"output_mbit": dice.of([0], [0.5, 3])}
     return made
 
 
@@ -100,3 +117,8 @@ def world_of(seed: int) -> World:
 def relaying_world_of(seed: int) -> World:
     """The world of a random scenario whose results come over backhauls, with several senders."""
     return accepted(relaying, seed, lambda made: made.drone_count + len(made.access_points) > 2)
+
+
+def migrating_world_of(seed: int) -> World:
+    """The world of a random scenario whose tasks migrate, with several senders."""
+    return accepted(migrating, seed, lambda made: made.drone_count + len(made.access_points) > 2)

@@ -169,6 +169,12 @@ def test_results_that_are_relayed(seed: int):
     check(random_tasks.relaying_world_of(seed), seed)
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [1004, 1008])
+def test_tasks_that_migrate(seed: int):
+    check(random_tasks.migrating_world_of(seed), seed)
+
+
 @pytest.mark.parametrize("count", by_default([], [10, 100], at_most=1))
 @pytest.mark.parametrize("kind", ["plain", "radio"])
 def test_random_scenarios_in_this_and_another_process(kind: str, count: int, tmp_path: Path):

@@ -8,7 +8,7 @@ import pytest
 
 from desim_uav.engine.base import EpisodeLog
 from tests.engine.random_radio import audited
-from tests.engine.random_tasks import relaying_world_of, world_of
+from tests.engine.random_tasks import migrating_world_of, relaying_world_of, world_of
 from tests.engine.test_everything import differing
 from tests.selection import by_default
 
@@ -33,6 +33,33 @@ def test_engines_are_equal_if_results_are_relayed(first: int) -> None:
 @pytest.mark.parametrize("seed", by_default([], range(1000, 1000 + MANY // 4), at_most=2))
 def test_no_relayed_result_breaks_a_rule(seed: int) -> None:
     audited(relaying_world_of(seed))
+
+
+@pytest.mark.parametrize("first", by_default([], range(0, MANY // 4, 20), at_most=1))
+def test_engines_are_equal_if_tasks_migrate(first: int) -> None:
+    assert differing(range(first, first + 20), migrating_world_of) == {}
+
+
+@pytest.mark.parametrize("seed", by_default([], range(1000, 1000 + MANY // 4), at_most=4))
+def test_no_task_that_migrates_breaks_a_rule(seed: int) -> None:
+    audited(migrating_world_of(seed))
+
+
+@pytest.mark.thorough
+def test_tasks_migrate() -> None:
+    """A check of the checks: tasks move, turn to another drone, and arrive."""
+    counted: Counter[str] = Counter()
+    for seed in (1003, 1004, 1008):
+        for log in audited(migrating_world_of(seed)):
+            moving: dict[int, int] = {}
+            for _, _, kind, drone, _, request, *_ in log.events or ():
+                if kind == "move":
+                    counted["turns"] += request in moving
+                    moving[request] = drone
+                elif kind == "stage":
+                    counted["arrives"] += moving.pop(request, -1) == drone
+                counted[kind] += 1
+    assert counted["move"] > counted["arrives"] > 20 and counted["turns"] > 0, counted
 
 
 @pytest.mark.thorough

@@ -35,10 +35,10 @@ TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
 
 OF_LINKS = {"class", "handover", "ping_pong", "outage", "outage_end"}
 OF_PAIRS = {"conflict", "clear"}
-OF_REQUESTS = {*KINDS[:6], "stage", "late", "compute", "computed"}
+OF_REQUESTS = {*KINDS[:6], "stage", "late", "compute", "computed", "move"}
 OF_UPDATES = {EVENT_KINDS[kind] for kind in words.OF_UPDATES}
 NO_DRONE = OF_REQUESTS | {"outage", "outage_end", "generate", "drop"}
-NAMES_DRONE = ({*KINDS} - NO_DRONE) | {"serve", "stop"}
+NAMES_DRONE = ({*KINDS} - NO_DRONE) | {"serve", "stop", "move"}
 NAMES_USER = {*KINDS[:10]} | OF_REQUESTS | OF_LINKS | OF_UPDATES
 NAMES_REQUEST = OF_REQUESTS
 NAMES_STATION = {"land", "charge", "charged", "respawn"}

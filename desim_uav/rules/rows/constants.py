@@ -59,6 +59,7 @@ class TermsRow(Row):
     drops: int
     stays_begun: int
     restarts: int
+    migrates: int
 
 
 @row

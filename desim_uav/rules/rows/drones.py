@@ -101,9 +101,10 @@ class Drone(Row):
     their parts of ``shared_hz`` (0: some may not), but for the user whose link has been
     ``regraded`` since (its index plus 1; 0: none), as divisions into equal parts need to know.
     They were given ``proposed_bps`` together, of which ``left_bps`` are left (see
-    ``rules.backhaul``); the results of ``relayed`` tasks come over its backhaul to users of others,
-    with whose requests they share. ``computing`` holds those whose tasks are at its processor,
-    which ``computes`` unless it stands still (see ``rules.processing``). It draws ``power_uw`` from
+    ``rules.backhaul``); as many results come over its backhaul to users of others, or tasks move
+    over it, as are ``relayed``, and share with its requests. ``computing`` holds those whose tasks
+    are at its processor, which ``computes`` unless it stands still (see ``rules.processing``), and
+    ``moving`` those whose tasks move there (see ``rules.migration``). It draws ``power_uw`` from
     the battery since ``drawn_us``, until when it was counted but for ``rest_pj`` (see
     ``rules.battery``); the depletion of the battery is foreseen for ``span_us`` of the leg.
     ``freight`` is what it carries of each user's updates, if they are delivered at the ground, and
@@ -163,6 +164,7 @@ class Drone(Row):
     waiting: Queue[Int32]
     sharing: Queue[Int32]
     computing: Queue[Int32]
+    moving: Queue[Int32]
     computes: Int16
     regraded: Int32
     shared_hz: int

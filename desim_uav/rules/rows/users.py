@@ -85,7 +85,8 @@ class Task(Row):
     A ``part`` of it is offloaded, which passes through its stages. The rest is ``own``: so many
     thousandths of a cycle that the user's own processor does from ``own_from_us`` to
     ``own_until_us``, or has done (``own_done``). The offloaded part is computed by sender ``site``
-    (-1: none yet), at whose processor it has arrived at ``arrived_us``. The task is late at
+    (-1: none yet), at whose processor it has arrived at ``arrived_us``; if it stands in line
+    MOVING, it moves from there to sender ``target``. The task is late at
     ``deadline_us``. It has been sent for ``sending_us``, of which ``uplink_us`` were before its
     site was known, and computed for ``computing_us``, and has begun anew ``restarts`` times because
     a drone has crashed.
@@ -97,6 +98,7 @@ class Task(Row):
     own_until_us: int
     own_done: int
     site: int
+    target: int
     arrived_us: int
     deadline_us: int
     restarts: int

@@ -109,7 +109,7 @@ function ofDrone(state, d) {
   rows.push(["attached users", usersOf(state, d)]);
   const served = [];
   for (let u = 0; u < run.users && served.length < 13; u += 1) {
-    if (state.served[u] && state.holder[u] === d && !state.isAtProcessor(u)) served.push(u);
+    if (state.usesLink(u) && state.holder[u] === d) served.push(u);
   }
   if (served.length) rows.push([hasTasks(run) ? "link to users" : "serves users", some(served)]);
   rows.push(...processorRows(state, d));
@@ -262,6 +262,7 @@ const TOLD = {
   stop: (e) => `${e.sender} stops serving user ${e.user}`,
   complete: (e) => `request ${e.request} of user ${e.user} is completed`,
   stage: (e) => `request ${e.request} of user ${e.user} begins its next stage`,
+  move: (e) => `the task of user ${e.user}, request ${e.request}, moves to ${e.sender}`,
   refuse: (e) => `request ${e.request} of user ${e.user} is refused`,
   close: (e) => `request ${e.request} of user ${e.user} is closed`,
   late: (e) => `request ${e.request} of user ${e.user} is late, and dropped`,

@@ -60,7 +60,7 @@ export class Panel {
       ["every event", []],
       ["requests", ["request", "complete", "refuse", "close", "late"]],
       ...(run.senses.length ? [["updates", ["generate", "drop", "deliver", "lose"]]] : []),
-      ...(run.computed.length ? [["tasks", ["stage", "compute", "computed"]]] : []),
+      ...(run.computed.length ? [["tasks", ["stage", "move", "compute", "computed"]]] : []),
       ["services", ["serve", "stop"]],
       ["attachments", ["attach", "detach"]],
       ["crossings", ["enter", "exit"]],

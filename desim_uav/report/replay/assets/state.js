@@ -26,6 +26,7 @@ export class State {
       served: new Uint8Array(run.users),
       computes: new Uint8Array(run.users),
       stage: new Int16Array(run.users), // of the open request
+      moves: new Uint8Array(run.users), // whether its task is on the way between two processors
       site: new Int16Array(run.users).fill(-1), // the processor that has the user's task, or had it
       queue: new Int32Array(run.senders), // the tasks at each processor
       buffered: new Int32Array(run.senses.length), // the updates in each sensor's buffer
@@ -236,14 +237,14 @@ export class State {
     if (this.#computesFor(u) && this.site[u] < 0) this.#stand(u, this.stage[u], d);
     this.served[u] = 1;
     this.servedBy[d] += 1;
-    if (!this.#computesFor(u)) this.usedBps[d] += this.episode.request.bandwidthBps[r];
+    if (this.#isOnLink(u)) this.usedBps[d] += this.episode.request.bandwidthBps[r];
     if (!this.computes[u]) this.#progress(r, 1);
   }
 
   _stop(d, u, r) {
     this.served[u] = 0;
     this.servedBy[d] -= 1;
-    if (!this.#computesFor(u)) this.usedBps[d] -= this.episode.request.bandwidthBps[r];
+    if (this.#isOnLink(u)) this.usedBps[d] -= this.episode.request.bandwidthBps[r];
     if (!this.computes[u]) this.#progress(r, -1);
   }
 
@@ -253,11 +254,15 @@ export class State {
     this.#stand(u, stage, arrives ? d : stage < this.stage[u] ? -1 : this.site[u]);
   }
 
-  #stand(u, stage, site) {
+  /** A task leaves the processor where it waits, and is on its way to another one. */
+  _move(d, u) { this.#stand(u, this.stage[u], -1, 1); }
+
+  #stand(u, stage, site, moves = 0) {
     const before = this.site[u];
     if (this.isAtProcessor(u)) this.queue[before] -= 1;
     this.stage[u] = stage;
     this.site[u] = site;
+    this.moves[u] = moves;
     if (this.isAtProcessor(u)) this.queue[site] += 1;
     for (const one of new Set([before, site])) this.#noteQueue(one);
   }
@@ -271,8 +276,10 @@ export class State {
     values.push(values.at(-1), this.queue[s]);
   }
 
+  #isOnLink(u) { return !this.moves[u] && !this.#computesFor(u); }
+
   #computesFor(u) {
-    return isComputed(this.run, this.episode, this.request[u], this.stage[u]);
+    return !this.moves[u] && isComputed(this.run, this.episode, this.request[u], this.stage[u]);
   }
 
   /** A user computes a part of its task itself, beside what drones do for it. */
@@ -369,6 +376,9 @@ export class State {
   isAtProcessor(u) {
     return this.site[u] >= 0 && this.request[u] >= 0 && this.#computesFor(u);
   }
+
+  /** Whether the link of a user is in use: nothing is sent while a task is computed, or moves. */
+  usesLink(u) { return this.served[u] && this.#isOnLink(u); }
 
   /** The state of a user: IDLE, ATTACHED, WAITING or SERVED. */
   userState(u) {

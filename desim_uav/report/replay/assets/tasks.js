@@ -31,7 +31,7 @@ export function spellsOf(episode, u) {
 function readSpells(episode, u) {
   const { run, event } = episode;
   const spells = [];
-  let [request, stage, doing, own, sinceUs] = [-1, 0, null, false, 0];
+  let [request, stage, moves, doing, own, sinceUs] = [-1, 0, false, null, false, 0];
   const add = (part, untilUs) => {
     if (untilUs > sinceUs && request >= 0) spells.push({ request, part, fromUs: sinceUs, untilUs });
   };
@@ -42,17 +42,18 @@ function readSpells(episode, u) {
     add(doing ?? (own ? null : "waiting"), tUs);
     if (own) add("own part", tUs);
     sinceUs = tUs;
-    if (kind === "request") [request, stage] = [event.request[i], 0];
-    else if (kind === "serve") doing = isComputed(run, episode, request, stage) ? "computing" : "sending";
+    if (kind === "request") [request, stage, moves] = [event.request[i], 0, false];
+    else if (kind === "serve") doing = !moves && isComputed(run, episode, request, stage) ? "computing" : "sending";
     else if (kind === "stop") doing = null;
-    else if (kind === "stage") stage = event.stage[i];
+    else if (kind === "stage") [stage, moves] = [event.stage[i], false];
+    else if (kind === "move") moves = true;
     else if (kind === "compute" || kind === "computed") own = kind === "compute";
     else [request, doing, own] = [-1, null, false];
   }
   return joined(spells.filter(({ part }) => part !== null));
 }
 
-const CHANGES = new Set(["request", "serve", "stop", "stage", "compute", "computed", "complete",
+const CHANGES = new Set(["request", "serve", "stop", "stage", "move", "compute", "computed", "complete",
   "refuse", "close", "late", "drop"]);
 
 /** The spells, of which those that follow each other in the same part are one. */

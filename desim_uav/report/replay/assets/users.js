@@ -81,7 +81,7 @@ export function drawLinks(scene) {
   const { ctx, run, state, theme } = scene;
   const paths = new Map();
   for (let u = 0; u < run.users; u += 1) {
-    if (!state.served[u] || state.isAtProcessor(u)) continue; // no link is in use while it is computed
+    if (!state.usesLink(u)) continue;
     const s = state.holder[u];
     if (s < 0) continue;
     const wide = Math.max(1, Math.ceil(WIDTHS * quality(run, s, state.classOf(u, s))));
