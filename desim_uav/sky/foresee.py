@@ -34,7 +34,7 @@ def foresee_discs(
     out: int,
     room: int,
     walks: int,
-    numbers: int,
+    legs: int,
     begins: int,
     sender: int,
     start_us: int,
@@ -49,7 +49,7 @@ def foresee_discs(
     Returns the number of changes, of which only so many are written as there is memory for.
     """
     at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
-    users = _users_of(at, own, walks, numbers, begins)
+    users = _users_of(at, own, walks, legs, begins)
     _look(at, own, users, span)
     changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
     count = _cross_disc(at, own, users, own.legs[sender], span, changes)
@@ -64,7 +64,7 @@ def foresee_rings(
     out: int,
     room: int,
     walks: int,
-    numbers: int,
+    legs: int,
     begins: int,
     sender: int,
     start_us: int,
@@ -77,7 +77,7 @@ def foresee_rings(
     """
     at, own = scene_at(scene), sky_at(sky)
     leg, span = own.legs[sender], (start_us, until_us)
-    rings, users = at.radios[leg.radio], _users_of(at, own, walks, numbers, begins)
+    rings, users = at.radios[leg.radio], _users_of(at, own, walks, legs, begins)
     _look(at, own, users, span)
     changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
     if not _is_between(rings, leg) and _is_disc(rings, leg):
@@ -166,11 +166,11 @@ def _is_disc(rings: Propagation, leg: LegRow) -> bool:
 
 
 @rule
-def _users_of(scene: Scene, sky: Sky, walks: int, numbers: int, begins: int) -> Any:
+def _users_of(scene: Scene, sky: Sky, walks: int, legs: int, begins: int) -> Any:
     """Return the users' walks, and what is known of them in the present span."""
     count = len(scene.groups)
-    legs, legs_at = walks_at(walks, numbers, begins, count)
-    return Users(legs, legs_at, as_array(sky.seen, (SEEN_ROWS, count)))
+    own_legs, legs_at = walks_at(walks, legs, begins, count)
+    return Users(own_legs, legs_at, as_array(sky.seen, (SEEN_ROWS, count)))
 
 
 @rule

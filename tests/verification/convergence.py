@@ -199,7 +199,7 @@ def inputs_of(
         assert way is not None
         return list(way.hops)
 
-    legs = np.array(path.walks.legs, float)
+    legs = np.array(path.walks.legs.tolist())
     legs[:, 0] /= US
     kinds = kinds_of(mapping, world)
     requests = [

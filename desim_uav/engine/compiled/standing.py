@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from desim_uav.model.geometry.coverage import (
     SEEN_ROWS,
-    VX,
     DroneLeg,
     Users,
     look_around,
@@ -43,7 +42,7 @@ def tabulate(world: World) -> tuple[Ints, Ints]:
         world.free
         or chooses
         or walks is None
-        or walks.legs[:, VX:].any()
+        or any(walks.legs[axis].any() for axis in ("vx_mps", "vy_mps"))
         or pairs > MOST_LOOKS
         or not one_level
     ):

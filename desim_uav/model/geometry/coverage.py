@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, START
 from desim_uav.rowcode.kernels import kernel, maker, part
-from desim_uav.rowcode.rows import Ints
-
-T0_US, X0, Y0, VX, VY = range(5)
-"""The columns of a table of user legs: a straight walk from (X0, Y0), in metres, with the velocity
-(VX, VY), in m/s, that begins at T0_US, in microseconds."""
+from desim_uav.rowcode.rows import Ints, Row, Table, row
 
 MARGIN_M = 1e-6
 """The distance in metres from a footprint's edge beyond which rounding makes no crossing."""
@@ -39,6 +35,20 @@ FEWEST_BUCKETS = 48
 
 MOST_BUCKETS = 128
 """With more buckets than this along an axis, emptying them takes more time than they save."""
+
+
+@row
+class WalkLeg(Row):
+    """A straight walk of a user from a place, at a velocity, that begins at ``begin_us``.
+
+    All fields are floats, so that a table of five columns is a table of legs, too.
+    """
+
+    begin_us: float
+    x_m: float
+    y_m: float
+    vx_mps: float
+    vy_mps: float
 
 
 class DroneLeg(NamedTuple):
@@ -62,11 +72,11 @@ class DroneLeg(NamedTuple):
 class Users(NamedTuple):
     """The walks of all users, and how they walk in a span.
 
-    ``legs`` has rows of T0_US X0 Y0 VX VY, of which those of user u are
-    ``offsets[u]:offsets[u + 1]``. ``seen`` (SEEN_ROWS, users) is what ``look_around`` writes.
+    The legs of user u are ``legs[offsets[u]:offsets[u + 1]]``. ``seen`` (SEEN_ROWS, users) is what
+    ``look_around`` writes.
     """
 
-    legs: NDArray[np.float64]
+    legs: Table[WalkLeg]
     offsets: Ints
     seen: NDArray[np.float64]
 
@@ -104,12 +114,12 @@ class Way(NamedTuple):
 
 
 @kernel
-def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int:
+def leg_at(legs: Table[WalkLeg], first: int, last: int, t_us: float) -> int:
     """Return the row of the last leg in ``first`` … ``last`` - 1 that has begun at ``t_us``."""
     low, high = first, last - 1
     while low < high:
         middle = (low + high + 1) // 2
-        if legs[middle, T0_US] <= t_us:
+        if legs[middle].begin_us <= t_us:
             low = middle
         else:
             high = middle - 1
@@ -117,13 +127,13 @@ def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int
 
 
 @part
-def leg_near(legs: NDArray[np.float64], first: int, last: int, t_us: float, guess: int) -> int:
+def leg_near(legs: Table[WalkLeg], first: int, last: int, t_us: float, guess: int) -> int:
     """Return the same row as ``leg_at``, which is searched for near a guess first."""
     leg = min(max(guess, first), last - 1)
     for _ in range(4):
-        if leg > first and legs[leg, T0_US] > t_us:
+        if leg > first and legs[leg].begin_us > t_us:
             leg -= 1
-        elif leg + 1 < last and legs[leg + 1, T0_US] <= t_us:
+        elif leg + 1 < last and legs[leg + 1].begin_us <= t_us:
             leg += 1
         else:
             return leg
@@ -131,21 +141,21 @@ def leg_near(legs: NDArray[np.float64], first: int, last: int, t_us: float, gues
 
 
 @kernel
-def walked(legs: NDArray[np.float64], leg: int, t_us: float) -> tuple[float, float]:
-    """Return the position at ``t_us`` of a user on the leg of row ``leg``: x and y in metres."""
-    t = (t_us - legs[leg, T0_US]) * 1e-6
-    return legs[leg, X0] + legs[leg, VX] * t, legs[leg, Y0] + legs[leg, VY] * t
+def walked(leg: WalkLeg, t_us: float) -> tuple[float, float]:
+    """Return the position at ``t_us`` of a user on a leg: x and y in metres."""
+    t = (t_us - leg.begin_us) * 1e-6
+    return leg.x_m + leg.vx_mps * t, leg.y_m + leg.vy_mps * t
 
 
 @maker
 def all_walked(
-    legs: NDArray[np.float64], offsets: NDArray[np.int64], t_us: float
+    legs: Table[WalkLeg], offsets: NDArray[np.int64], t_us: float
 ) -> NDArray[np.float64]:
     """Return the positions of all users at ``t_us``: (users, 2), in metres."""
     places = np.empty((len(offsets) - 1, 2))
     for user in range(len(offsets) - 1):
         leg = leg_at(legs, offsets[user], offsets[user + 1], t_us)
-        places[user] = walked(legs, leg, t_us)
+        places[user] = walked(legs[leg], t_us)
     return places
 
 
@@ -161,15 +171,15 @@ def look_around(users: Users, start_us: int, end_us: int) -> None:
         begin, stop = offsets[user], offsets[user + 1]
         first = leg_near(legs, begin, stop, start_us, begin + int(seen[LEG, user]))
         last = first
-        while last + 1 < stop and legs[last + 1, T0_US] < end_us:
+        while last + 1 < stop and legs[last + 1].begin_us < end_us:
             last += 1
-        x, y = walked(legs, first, start_us)
-        to_x, to_y = walked(legs, last, end_us)
+        x, y = walked(legs[first], start_us)
+        to_x, to_y = walked(legs[last], end_us)
         stray = 0.0
         for leg in range(first + 1, last + 1):
-            share = (legs[leg, T0_US] - start_us) / (end_us - start_us)
-            aside_x = legs[leg, X0] - x - (to_x - x) * share
-            aside_y = legs[leg, Y0] - y - (to_y - y) * share
+            share = (legs[leg].begin_us - start_us) / (end_us - start_us)
+            aside_x = legs[leg].x_m - x - (to_x - x) * share
+            aside_y = legs[leg].y_m - y - (to_y - y) * share
             stray = max(stray, abs(aside_x) + abs(aside_y))
         seen[LEG, user], seen[AT_X, user], seen[AT_Y, user] = first - begin, x, y
         seen[TO_X, user], seen[TO_Y, user], seen[STRAY, user] = to_x, to_y, stray

@@ -18,10 +18,10 @@ from desim_uav.model.geometry.coverage import (
     LEG,
     MARGIN_M,
     NEAR,
-    T0_US,
     Buckets,
     DroneLeg,
     Users,
+    WalkLeg,
     bucket_of,
     comes_near,
     heading_of,
@@ -139,14 +139,14 @@ def _roots(
     while at < duration:
         while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
             phase += 1
-        while walk + 1 < stop and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
+        while walk + 1 < stop and (legs[walk + 1].begin_us - start_us) * 1e-6 <= at:
             walk += 1
         end = duration
         if phase + 1 < len(profile):
             end = min(end, profile[phase + 1, START])
         if walk + 1 < stop:
-            end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        piece = relative_to(leg, heading, legs, phase, walk, at)
+            end = min(end, (legs[walk + 1].begin_us - start_us) * 1e-6)
+        piece = relative_to(leg, heading, legs[walk], phase, at)
         if _stays_away(piece, radius, end - at):
             at = end
             continue
@@ -158,9 +158,9 @@ def _roots(
                 after = points[k]
             if k == turning and end >= duration:
                 last = walk
-                if walk + 1 < stop and legs[walk + 1, T0_US] <= end_us:
+                if walk + 1 < stop and legs[walk + 1].begin_us <= end_us:
                     last = leg_near(legs, first, stop, end_us, walk)
-                now_inside = _is_inside(leg, legs, last)
+                now_inside = _is_inside(leg, legs[last])
             else:
                 excess = excess_at(piece, radius, after)
                 grazes = k < turning and abs(excess) <= 2.0 * GRAZE_M * radius
@@ -181,12 +181,12 @@ def _roots(
 
 
 @kernel
-def _is_inside(leg: DroneLeg, legs: NDArray[np.float64], walk: int) -> bool:
+def _is_inside(leg: DroneLeg, walk: WalkLeg) -> bool:
     """Return whether a user is in the closed disc around the drone at the end of its leg.
 
     The same test applies at both ends of every leg.
     """
-    x, y = walked(legs, walk, leg.span_us[1])
+    x, y = walked(walk, leg.span_us[1])
     return beyond(leg.route[2] - x, leg.route[3] - y, leg.radius_m) <= 0.0
 
 

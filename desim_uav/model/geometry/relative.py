@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.geometry.coverage import MARGIN_M, T0_US, VX, VY, X0, Y0, DroneLeg
+from desim_uav.model.geometry.coverage import MARGIN_M, DroneLeg, WalkLeg
 from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, SPEED, START
 from desim_uav.rowcode.kernels import kernel, part
 
@@ -40,9 +40,8 @@ class Relative(NamedTuple):
 def relative_to(
     leg: DroneLeg,
     heading: tuple[float, float],
-    legs: NDArray[np.float64],
+    walk: WalkLeg,
     phase: int,
-    walk: int,
     at: float,
 ) -> Relative:
     """Return a drone in a phase of its transit relative to a user on a walk, at a time.
@@ -54,14 +53,14 @@ def relative_to(
     acceleration = profile[phase, ACCELERATION]
     speed = profile[phase, SPEED] + acceleration * since
     along = profile[phase, DISTANCE] + 0.5 * (profile[phase, SPEED] + speed) * since
-    since_walk = at - (legs[walk, T0_US] - leg.span_us[0]) * 1e-6
+    since_walk = at - (walk.begin_us - leg.span_us[0]) * 1e-6
     if phase + 1 == len(profile):
         px, py = x1, y1
     else:
         px, py = x0 + ex * along, y0 + ey * along
-    px -= legs[walk, X0] + legs[walk, VX] * since_walk
-    py -= legs[walk, Y0] + legs[walk, VY] * since_walk
-    wx, wy = ex * speed - legs[walk, VX], ey * speed - legs[walk, VY]
+    px -= walk.x_m + walk.vx_mps * since_walk
+    py -= walk.y_m + walk.vy_mps * since_walk
+    wx, wy = ex * speed - walk.vx_mps, ey * speed - walk.vy_mps
     return Relative(px, py, wx, wy, ex * acceleration, ey * acceleration)
 
 

@@ -21,13 +21,9 @@ from desim_uav.model.geometry.coverage import (
     LEG,
     MARGIN_M,
     NEAR,
-    T0_US,
-    VX,
-    VY,
-    X0,
-    Y0,
     DroneLeg,
     Users,
+    WalkLeg,
     Way,
     leg_near,
     walked,
@@ -200,19 +196,19 @@ def _follow(
     while at < duration:
         while window + 1 < count and windows[window + 1].begin_s <= at:
             window += 1
-        while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
+        while walk + 1 < end_walk and (legs[walk + 1].begin_us - start_us) * 1e-6 <= at:
             walk += 1
         end = duration
         if window + 1 < count:
             end = min(end, windows[window + 1].begin_s)
         if walk + 1 < end_walk:
-            end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        stretch = _stretch_of(leg, windows[window], legs, walk, at)
+            end = min(end, (legs[walk + 1].begin_us - start_us) * 1e-6)
+        stretch = _stretch_of(leg, windows[window], legs[walk], at)
         one = _pass(leg, climb, stretch, of, (first, stop), (at, end), one, out)
         at = end
     # The class at the end is that with which a leg on the level there begins.
     last = leg_near(legs, begin_walk, end_walk, end_us, walk)
-    x, y = walked(legs, last, end_us)
+    x, y = walked(legs[last], end_us)
     x, y = centre_x - x, centre_y - y
     link_class, after = one.now, climb.rings_m[1][group]
     while link_class < stop and beyond(x, y, after[link_class]) <= 0.0:
@@ -225,14 +221,12 @@ def _follow(
 
 
 @part
-def _stretch_of(
-    leg: DroneLeg, window: Window, legs: NDArray[np.float64], walk: int, at: float
-) -> Stretch:
+def _stretch_of(leg: DroneLeg, window: Window, walk: WalkLeg, at: float) -> Stretch:
     """Return the user's distance and the drone's place in a window, from a time on."""
-    vx, vy = legs[walk, VX], legs[walk, VY]
-    since_walk = at - (legs[walk, T0_US] - leg.span_us[0]) * 1e-6
-    x = leg.route[0] - legs[walk, X0] - vx * since_walk
-    y = leg.route[1] - legs[walk, Y0] - vy * since_walk
+    vx, vy = walk.vx_mps, walk.vy_mps
+    since_walk = at - (walk.begin_us - leg.span_us[0]) * 1e-6
+    x = leg.route[0] - walk.x_m - vx * since_walk
+    y = leg.route[1] - walk.y_m - vy * since_walk
     since, rise, bend = at - window.begin_s, window.rise, window.bend
     return Stretch(
         x * x + y * y,

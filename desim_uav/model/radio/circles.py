@@ -17,9 +17,9 @@ from desim_uav.model.geometry.coverage import (
     START_NEAR,
     STOP_FAR,
     STOP_NEAR,
-    T0_US,
     DroneLeg,
     Users,
+    WalkLeg,
     heading_of,
     leg_near,
     walked,
@@ -41,6 +41,7 @@ from desim_uav.model.geometry.relative import (
 from desim_uav.model.motion.motion import START
 from desim_uav.model.radio.passages import begin_passages, passed
 from desim_uav.rowcode.kernels import part
+from desim_uav.rowcode.rows import Table
 
 MOST_REST = 2
 """A profile with more rows than this has at least two phases before the rest."""
@@ -79,12 +80,12 @@ def cross_rings(
         if _keeps_away(profile, phase, users, user, radii, circles, one.now):
             at = _until(profile, phase, duration)
             continue
-        while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
+        while walk + 1 < end_walk and (legs[walk + 1].begin_us - start_us) * 1e-6 <= at:
             walk += 1
         end = _until(profile, phase, duration)
         if walk + 1 < end_walk:
-            end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        piece = relative_to(leg, heading, legs, phase, walk, at)
+            end = min(end, (legs[walk + 1].begin_us - start_us) * 1e-6)
+        piece = relative_to(leg, heading, legs[walk], phase, at)
         if _stays(piece, end - at, radii, circles, one.now):
             at = end
             continue
@@ -117,16 +118,16 @@ def cross_rings(
 
 @part
 def _away_at_end(
-    leg: DroneLeg, legs: NDArray[np.float64], own: tuple[int, int], walk: int
+    leg: DroneLeg, legs: Table[WalkLeg], own: tuple[int, int], walk: int
 ) -> tuple[float, float]:
     """Return how far a drone is from a user at the end of its leg, along x and y.
 
     The user's walks are ``own``, of which ``walk`` is the one before the end.
     """
     last, end_us = walk, leg.span_us[1]
-    if walk + 1 < own[1] and legs[walk + 1, T0_US] <= end_us:
+    if walk + 1 < own[1] and legs[walk + 1].begin_us <= end_us:
         last = leg_near(legs, own[0], own[1], end_us, walk)
-    x, y = walked(legs, last, end_us)
+    x, y = walked(legs[last], end_us)
     return leg.route[2] - x, leg.route[3] - y
 
 

@@ -13,6 +13,7 @@ from desim_uav.model.geometry.coverage import (
     Buckets,
     DroneLeg,
     Users,
+    WalkLeg,
     bucket_grid,
     leg_at,
     look_around,
@@ -24,6 +25,7 @@ from desim_uav.model.mobility.mobility import Area, RandomWalk
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import US
+from desim_uav.rowcode.views import records
 from tests.selection import by_default
 from tests.verification.crossings import FAST, FILL, R, at, find, fly, hover, stated, survey
 from tests.verification.figure import check
@@ -193,7 +195,7 @@ def test_what_does_not_fit_is_counted_and_not_written():
     users = [at(-1000, 300, 1.5)] * 3
     whole = hover((0, 2000 * US), users)
     assert len(whole) == 6
-    legs = np.array([leg for user in users for leg in user], float)
+    legs = records(WalkLeg, [leg for user in users for leg in user])
     walking, span = Users(legs, np.arange(4), np.zeros((SEEN_ROWS, 3))), (0, 2000 * US)
     look_around(walking, *span)
     for room in range(7):
@@ -205,8 +207,8 @@ def test_what_does_not_fit_is_counted_and_not_written():
 
 
 class TestLegs:
-    LEGS = np.array(
-        [(0, 1, 2, 0, 0), (5, 3, 4, 1e6, 0), (0, 7, 7, 0, 0), (9, 8, 8, 0, -2e6)], float
+    LEGS = records(
+        WalkLeg, [(0, 1, 2, 0, 0), (5, 3, 4, 1e6, 0), (0, 7, 7, 0, 0), (9, 8, 8, 0, -2e6)]
     )
 
     @pytest.mark.parametrize(("t_us", "leg"), [(0, 0), (4, 0), (5, 1), (100, 1)])
@@ -218,8 +220,8 @@ class TestLegs:
         assert leg_at(self.LEGS, 2, 4, t_us) == leg
 
     def test_walked(self):
-        assert walked(self.LEGS, 1, 7) == (5.0, 4.0)
-        assert walked(self.LEGS, 3, 10) == (8.0, 6.0)
+        assert walked(self.LEGS[1], 7) == (5.0, 4.0)
+        assert walked(self.LEGS[3], 10) == (8.0, 6.0)
 
 
 # Crossings at random, against the sampler.

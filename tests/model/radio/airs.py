@@ -170,7 +170,7 @@ class Air:
     @property
     def walked(self):
         """Where the walks are."""
-        return place(self.walks), self.walks.size, place(self.begins)
+        return place(self.walks), len(self.walks), place(self.begins)
 
     def classes(self, sender, span_us, held, out):
         """Write the changes of a drone's links, user by user, and return their number."""

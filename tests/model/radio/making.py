@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.radio.tracks import Flight, TrackRow, fly, walk
 from desim_uav.rowcode.views import records, zeros
@@ -54,11 +55,12 @@ def flying(rng, start, stop, span_s):
 
 def walks(walk_, start_us=START_US):
     """A walk of the sampler as rows of the package."""
-    return np.array(
+    return records(
+        WalkLeg,
         [
             (start_us + round(t * 1e6), *point, *velocity)
             for t, point, velocity in zip(walk_.times, walk_.points, walk_.velocities, strict=True)
-        ]
+        ],
     )
 
 

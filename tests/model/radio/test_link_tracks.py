@@ -55,7 +55,7 @@ def test_two_spans_meet_at_the_same_numbers():
             at = tracks[["x_m", "y_m", "z_m"]].tolist()
             ends.append((*at[0], *at[after]))
             ends.append((*at[after - 1], *at[last - 1]))
-            assert ends[-1][3:5] == walked(own, leg_at(own, 0, len(own), span[1]), span[1])
+            assert ends[-1][3:5] == walked(own[leg_at(own, 0, len(own), span[1])], span[1])
         assert ends[1:-1:2] == ends[2::2]
         assert ends[-1][:3] == leg.route[3:]
 
