@@ -294,7 +294,7 @@ def second_pass(size: Size, rounds: int) -> tuple[float, float]:
     lists = np.empty(shape[0] * shape[1], np.int64), np.empty(size.users, np.int64)
     buckets = coverage.Buckets(shape, side, *lists)
     starts = [world.grid.centre(*cell) for cell in world.starts]
-    profile, hop_m = world.only_type.epoch_transits[Action.RIGHT].profile, world.grid.cell_m[0]
+    profile, hop_m = world.only_type.epoch_transits[Action.RIGHT].rows, world.grid.cell_m[0]
     radius_m, span = world.scenario.drones.footprint_radius_m, (0, world.step_us)
     legs = [
         coverage.DroneLeg(profile, (x, y, x + hop_m, y), span, radius_m, fresh=False)

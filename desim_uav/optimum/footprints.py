@@ -60,7 +60,7 @@ class Footprints:
         look_around(self.users, 0, span_us)
         route = (*leg.from_m, *leg.to_m)
         radius_m = self.world.only_type.drones.footprint_radius_m
-        flown = DroneLeg(leg.transit.profile, route, (0, span_us), radius_m, fresh=True)
+        flown = DroneLeg(leg.transit.rows, route, (0, span_us), radius_m, fresh=True)
         count = crossings(flown, self.users, self._buffer)
         if count > len(self._buffer):
             self._buffer = np.empty((2 * count, 3), np.int64)

@@ -24,7 +24,7 @@ from desim_uav.sky.memory import ints_at, scene_at, sky_at, walks_at
 from desim_uav.sky.order import sort_last_first, spread_last_first
 from desim_uav.sky.rows import Change, LegRow, Propagation, Scene, Sky
 
-PIECE_COLUMNS, CHANGE_COLUMNS = 4, Change.words
+CHANGE_COLUMNS = Change.words
 
 
 @kernel
@@ -187,9 +187,8 @@ def _buckets_of(scene: Scene, sky: Sky) -> Any:
 @rule
 def _flown(scene: Scene, leg: LegRow, span_us: tuple[int, int], radius_m: float) -> Any:
     """Return a leg in a span, with the radius of the sender's footprint."""
-    pieces = pieces_of(scene, leg)
     return DroneLeg(
-        as_array(pieces, (len(pieces), PIECE_COLUMNS)),
+        pieces_of(scene, leg),
         (leg.x0_m, leg.y0_m, leg.x1_m, leg.y1_m),
         span_us,
         radius_m,

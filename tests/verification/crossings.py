@@ -27,7 +27,7 @@ def find(transit, route, span_us, users, *, fresh=False, radius=R, climb=0.0, ro
     out = np.full((room, 3), -7, np.int64)
     walking = Users(legs, offsets, np.zeros((SEEN_ROWS, len(users))))
     look_around(walking, *span_us)
-    leg = DroneLeg(transit.profile, tuple(map(float, route)), span_us, radius, fresh, climb)
+    leg = DroneLeg(transit.rows, tuple(map(float, route)), span_us, radius, fresh, climb)
     count = crossings(leg, walking, out)
     return [(int(t), int(u), bool(e)) for t, u, e in out[:count]]
 

@@ -97,6 +97,6 @@ class _Looks:
             (cell[0] + course[0] + 0.5) * cell_x_m,
             (cell[1] + course[1] + 0.5) * cell_y_m,
         )
-        leg = DroneLeg(transit.profile, route, (0, self.world.step_us), 0.0, fresh=False)
+        leg = DroneLeg(transit.rows, route, (0, self.world.step_us), 0.0, fresh=False)
         rows = changes_on(leg, self.users, rings_m, self.world.groups)
         return rows[np.lexsort((rows[:, USER], rows[:, CHANGE] > 0, rows[:, TIME_US]))[::-1]]

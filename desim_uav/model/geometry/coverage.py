@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, START
+from desim_uav.model.motion.motion import PieceRow
 from desim_uav.rowcode.kernels import kernel, maker, part
 from desim_uav.rowcode.rows import Ints, Row, Table, row
 
@@ -54,14 +54,14 @@ class WalkLeg(Row):
 class DroneLeg(NamedTuple):
     """A leg of a drone that serves: a straight transit, then a hover until the leg ends.
 
-    ``profile`` (pieces, 4) is the transit (see ``model.motion.motion``), and ``route`` the x and y
+    ``profile`` has the pieces of the transit, and ``route`` the x and y
     of its start and of its destination, in metres. ``span_us`` holds the times at which the leg
     begins and ends, and ``radius_m`` is the radius of the footprint. If ``fresh``, the drone begins
     to serve, so that users who are inside at the start enter then. ``climb_m`` is how much higher
     the destination is than the start; compiled code must give it, because it knows no defaults.
     """
 
-    profile: NDArray[np.float64]
+    profile: Table[PieceRow]
     route: tuple[float, float, float, float]
     span_us: tuple[int, int]
     radius_m: float
@@ -206,13 +206,13 @@ def ways_of(leg: DroneLeg) -> tuple[Way, Way]:
     profile, radius = leg.profile, leg.radius_m
     duration = (leg.span_us[1] - leg.span_us[0]) * 1e-6
     last = len(profile) - 1
-    arrival, length = profile[last, START], profile[last, DISTANCE]
+    arrival, length = profile[last].start_s, profile[last].from_m
     aside = bow = 0.0
     even = length / arrival if last > 0 else 0.0
     for k in range(last):
-        lasts = profile[k + 1, START] - profile[k, START]
-        aside = max(aside, abs(profile[k, DISTANCE] - even * profile[k, START]))
-        bow = max(bow, abs(profile[k, ACCELERATION]) * lasts * lasts / 8.0)
+        lasts = profile[k + 1].start_s - profile[k].start_s
+        aside = max(aside, abs(profile[k].from_m - even * profile[k].start_s))
+        bow = max(bow, abs(profile[k].acceleration_mps2) * lasts * lasts / 8.0)
     stray = aside + bow + MARGIN_M
     landed = min(arrival / duration, 1.0) if last > 0 else 1.0
     flight = Way(x0, y0, x1, y1, 0.0, landed, radius + stray, radius - stray)
@@ -234,10 +234,11 @@ def _way_of(leg: DroneLeg, phase: int) -> Way:
     """Return a phase of a drone's flight as a straight way at an even speed, for no radius."""
     x0, y0, x1, y1 = leg.route
     profile, last = leg.profile, len(leg.profile) - 1
-    duration, length = (leg.span_us[1] - leg.span_us[0]) * 1e-6, profile[last, DISTANCE]
-    begins, ends = profile[phase, START], profile[phase + 1, START]
-    one, other = profile[phase, DISTANCE] / length, profile[phase + 1, DISTANCE] / length
-    bow = abs(profile[phase, ACCELERATION]) * (ends - begins) * (ends - begins) / 8.0 + MARGIN_M
+    duration, length = (leg.span_us[1] - leg.span_us[0]) * 1e-6, profile[last].from_m
+    piece, after = profile[phase], profile[phase + 1]
+    begins, ends = piece.start_s, after.start_s
+    one, other = piece.from_m / length, after.from_m / length
+    bow = abs(piece.acceleration_mps2) * (ends - begins) * (ends - begins) / 8.0 + MARGIN_M
     return Way(
         x0 + one * (x1 - x0),
         y0 + one * (y1 - y0),

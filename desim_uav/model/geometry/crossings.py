@@ -43,7 +43,6 @@ from desim_uav.model.geometry.relative import (
     turning_points,
     write,
 )
-from desim_uav.model.motion.motion import START
 from desim_uav.rowcode.kernels import kernel, part
 
 
@@ -137,13 +136,13 @@ def _roots(
     phase = 0
     at = 0.0
     while at < duration:
-        while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
+        while phase + 1 < len(profile) and profile[phase + 1].start_s <= at:
             phase += 1
         while walk + 1 < stop and (legs[walk + 1].begin_us - start_us) * 1e-6 <= at:
             walk += 1
         end = duration
         if phase + 1 < len(profile):
-            end = min(end, profile[phase + 1, START])
+            end = min(end, profile[phase + 1].start_s)
         if walk + 1 < stop:
             end = min(end, (legs[walk + 1].begin_us - start_us) * 1e-6)
         piece = relative_to(leg, heading, legs[walk], phase, at)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.geometry.coverage import MARGIN_M, DroneLeg, WalkLeg
-from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, SPEED, START
 from desim_uav.rowcode.kernels import kernel, part
 
 GRAZE_M = 1e-13
@@ -48,13 +47,13 @@ def relative_to(
 
     ``heading`` is that of the leg (``coverage.heading_of``).
     """
-    profile, (x0, y0, x1, y1), (ex, ey) = leg.profile, leg.route, heading
-    since = at - profile[phase, START]
-    acceleration = profile[phase, ACCELERATION]
-    speed = profile[phase, SPEED] + acceleration * since
-    along = profile[phase, DISTANCE] + 0.5 * (profile[phase, SPEED] + speed) * since
+    piece, (x0, y0, x1, y1), (ex, ey) = leg.profile[phase], leg.route, heading
+    since = at - piece.start_s
+    acceleration = piece.acceleration_mps2
+    speed = piece.speed_mps + acceleration * since
+    along = piece.from_m + 0.5 * (piece.speed_mps + speed) * since
     since_walk = at - (walk.begin_us - leg.span_us[0]) * 1e-6
-    if phase + 1 == len(profile):
+    if phase + 1 == len(leg.profile):
         px, py = x1, y1
     else:
         px, py = x0 + ex * along, y0 + ey * along

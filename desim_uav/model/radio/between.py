@@ -29,7 +29,6 @@ from desim_uav.model.geometry.coverage import (
     walked,
 )
 from desim_uav.model.geometry.relative import beyond, rounded_us
-from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, SPEED, START
 from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
 from desim_uav.model.radio.nested import bounds_of, sift, sifted
 from desim_uav.model.radio.passages import Passage, begin_passages, passed
@@ -128,13 +127,14 @@ def _begin_windows(leg: DroneLeg, climb: Climb) -> int:
     """Write the windows of a leg, and return their number."""
     profile, windows, slabs = leg.profile, climb.windows, climb.terms.shape[2]
     last, count = len(profile) - 1, 0
-    scale = slabs / profile[last, DISTANCE]
+    scale = slabs / profile[last].from_m
     for phase in range(last):
-        begins = profile[phase, START]
-        lasts, at = profile[phase + 1, START] - begins, 0.0
+        piece = profile[phase]
+        begins = piece.start_s
+        lasts, at = profile[phase + 1].start_s - begins, 0.0
         # The way so far in slabs, as a polynomial of the time since the phase began.
-        way = profile[phase, DISTANCE] * scale
-        speed, bend = profile[phase, SPEED] * scale, 0.5 * profile[phase, ACCELERATION] * scale
+        way = piece.from_m * scale
+        speed, bend = piece.speed_mps * scale, 0.5 * piece.acceleration_mps2 * scale
         slab_index = min(int(way + 1e-9), slabs - 1)
         while at < lasts:
             ahead = lasts
@@ -154,7 +154,7 @@ def _begin_windows(leg: DroneLeg, climb: Climb) -> int:
             if ahead == lasts:
                 break
     rest = windows[count]
-    rest.begin_s, rest.slab = profile[last, START], int(climb.upwards) * (slabs - 1)
+    rest.begin_s, rest.slab = profile[last].start_s, int(climb.upwards) * (slabs - 1)
     rest.place, rest.rise, rest.bend = 2.0 * climb.upwards - 1, 0.0, 0.0
     return count + 1
 

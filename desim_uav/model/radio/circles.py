@@ -38,7 +38,7 @@ from desim_uav.model.geometry.relative import (
     rounded_us,
     turning_points,
 )
-from desim_uav.model.motion.motion import START
+from desim_uav.model.motion.motion import PieceRow
 from desim_uav.model.radio.passages import begin_passages, passed
 from desim_uav.rowcode.kernels import part
 from desim_uav.rowcode.rows import Table
@@ -75,7 +75,7 @@ def cross_rings(
     phase = 0
     at = 0.0
     while at < duration:
-        while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
+        while phase + 1 < len(profile) and profile[phase + 1].start_s <= at:
             phase += 1
         if _keeps_away(profile, phase, users, user, radii, circles, one.now):
             at = _until(profile, phase, duration)
@@ -132,14 +132,14 @@ def _away_at_end(
 
 
 @part
-def _until(profile: NDArray[np.float64], phase: int, end: float) -> float:
+def _until(profile: Table[PieceRow], phase: int, end: float) -> float:
     """Return when a phase of a profile ends, at most ``end``."""
-    return min(end, profile[phase + 1, START]) if phase + 1 < len(profile) else end
+    return min(end, profile[phase + 1].start_s) if phase + 1 < len(profile) else end
 
 
 @part
 def _keeps_away(
-    profile: NDArray[np.float64],
+    profile: Table[PieceRow],
     phase: int,
     users: Users,
     user: int,

@@ -21,9 +21,10 @@ from desim_uav.model.geometry.crossings import crossings
 from desim_uav.model.geometry.grid import Grid
 from desim_uav.model.geometry.relative import ENTERS, TIME_US, USER
 from desim_uav.model.mobility.walks import Walks
-from desim_uav.model.motion.motion import REST
+from desim_uav.model.motion.motion import REST, PieceRow
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.rowcode.kernels import maker
+from desim_uav.rowcode.rows import Table
 from desim_uav.world import World
 
 HEADINGS = (Action.HOVER, Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT)
@@ -94,7 +95,7 @@ def shares_of(
         )
     centres = np.array([world.grid.centre(ix, iy) for ix in range(nx) for iy in range(ny)])
     profiles = tuple(
-        kind.epoch_transits[heading].profile if heading in kind.epoch_transits else REST.profile
+        kind.epoch_transits[heading].rows if heading in kind.epoch_transits else REST.rows
         for heading in HEADINGS
     )
     radius_m, dense = kind.drones.footprint_radius_m, np.zeros((*ahead.shape, users))
@@ -127,7 +128,7 @@ def shares_of(
 @maker
 def _cover(
     walkers: Users,
-    profiles: tuple[NDArray[np.float64], ...],
+    profiles: tuple[Table[PieceRow], ...],
     centres: NDArray[np.float64],
     ahead: NDArray[np.int64],
     span: tuple[int, int],

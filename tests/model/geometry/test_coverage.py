@@ -50,7 +50,7 @@ class TestWorkedByHand:
         ((left_us, _, _),) = fly(transit, [at(x - R, 0)])
         ((came_us, _, enters),) = fly(transit, [at(240 - x + R, 0)])
         assert enters
-        assert came_us + left_us == pytest.approx(transit.profile[-1, 0] * 1e6, abs=1)
+        assert came_us + left_us == pytest.approx(transit.rows["start_s"][-1] * 1e6, abs=1)
 
     @pytest.mark.parametrize("heading", [(1, 0), (-1, 0), (0, 1), (0, -1)])
     def test_all_four_directions_are_alike(self, heading):
@@ -200,7 +200,7 @@ def test_what_does_not_fit_is_counted_and_not_written():
     look_around(walking, *span)
     for room in range(7):
         out = np.full((room + 2, 3), -7, np.int64)
-        leg = DroneLeg(REST.profile, (0.0, 0.0, 0.0, 0.0), span, R, False)
+        leg = DroneLeg(REST.rows, (0.0, 0.0, 0.0, 0.0), span, R, False)
         assert crossings(leg, walking, out[:room]) == 6
         assert out[:room].tolist() == [list(row) for row in whole[:room]]
         assert (out[room:] == -7).all()
@@ -365,7 +365,7 @@ def test_users_in_buckets_cross_as_all_users_do(seed):
         far = sort_into_buckets(users.seen, buckets)
         x, y = rng.uniform(-0.02, 1.02, 2) * area
         route = (x, y, x + 240.0, y) if rng.random() < 0.5 else (x, y, x, y - 240.0)
-        profile = (FILL if rng.random() < 0.5 else FAST).profile
+        profile = (FILL if rng.random() < 0.5 else FAST).rows
         leg = DroneLeg(profile, route, span, radius, bool(rng.random() < 0.5))
         count = crossings(leg, users, out)
         assert crossings_near(leg, users, buckets, far, near) == count

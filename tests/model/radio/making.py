@@ -6,7 +6,6 @@ from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.radio.tracks import Flight, TrackRow, fly, walk
 from desim_uav.rowcode.views import records, zeros
-from desim_uav.sky.rows import PieceRow
 from tests.model import sampler
 from tests.model.radio.looking import Trip
 
@@ -18,7 +17,7 @@ class Leg:
 
     def __init__(self, start, stop, transit, flight, before_s=0.0):
         self.route = (*map(float, start), *map(float, stop))
-        self.profile, self.before_us = transit.profile, round(before_s * 1e6)
+        self.profile, self.before_us = transit.rows, round(before_s * 1e6)
         flown = flight and _Later(flight, self.before_us * 1e-6)
         self.trip = Trip(np.array(start, float), np.array(stop, float), flown)
 
@@ -66,7 +65,7 @@ def walks(walk_, start_us=START_US):
 
 def flight_of(leg, start_us=START_US):
     """A leg as a flight of the package."""
-    return Flight(records(PieceRow, leg.profile), leg.route, start_us - leg.before_us)
+    return Flight(leg.profile, leg.route, start_us - leg.before_us)
 
 
 def absolute(legs, walk_, height_m, span_us):

@@ -91,7 +91,7 @@ def random_climb(rng, users, classes=14):
         leg = flying(rng, (x, y, z), (x, y, z + step), span_s)
         if leg.before_us:
             continue
-        span_s = max(span_s, round(leg.profile[-1, 0], 6))
+        span_s = max(span_s, round(leg.profile["start_s"][-1], 6))
         walking = [moving(rng, span_s, 4) for _ in range(users)]
         sky = sky_of([leg], walking, RADIOS[rng.integers(len(RADIOS))], span_s=span_s)
         levels = [sky.ratio_db(0, user, np.linspace(0, span_s, 30)) for user in range(users)]

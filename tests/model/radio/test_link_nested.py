@@ -104,7 +104,7 @@ def survey(count, seed, oblique=False):
         if leg.before_us:
             continue  # a leg of the crossings begins with its span, and does not end after it
         if leg.trip.flight is not None:
-            span_s = max(span_s, round(leg.profile[-1, 0], 6))
+            span_s = max(span_s, round(leg.profile["start_s"][-1], 6))
         span = (START_US, START_US + round(span_s * 1e6))
         walk = moving(rng, span_s, 5)
         scene = Scene(walk, 0.0, [leg.trip], [], 0.0, span_s)

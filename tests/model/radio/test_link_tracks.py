@@ -44,7 +44,7 @@ def test_two_spans_meet_at_the_same_numbers():
         leg = flying(rng, *rng.uniform(-400.0, 400.0, (2, 3)), 60.0)
         own = walks(moving(rng, 60.0, 5))
         cuts = [START_US, *np.sort(START_US + rng.integers(1, 60_000_000, 3)).tolist()]
-        cuts.append(int(START_US - leg.before_us + round(leg.profile[-1, 0] * 1e6)))
+        cuts.append(int(START_US - leg.before_us + round(leg.profile["start_s"][-1] * 1e6)))
         ends = []
         for span in pairwise(cuts):
             if span[1] <= span[0]:
