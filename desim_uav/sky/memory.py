@@ -11,7 +11,7 @@ from desim_uav.sky.rows import Scene, Sky
 
 scene_at: Any = pointer_to(Scene)
 sky_at: Any = pointer_to(Sky)
-_legs_at, ints_at = entries_at(WalkLeg), entries_at(int)
+_legs_at, _ints_at = entries_at(WalkLeg), entries_at(int)
 
 
 @rule
@@ -20,4 +20,4 @@ def walks_at(walks: int, legs: int, begins: int, users: int) -> Any:
 
     There are so many ``legs`` at the address ``walks``, and the offsets are at ``begins``.
     """
-    return _legs_at(walks, legs), ints_at(begins, users + 1)
+    return _legs_at(walks, legs), _ints_at(begins, users + 1)

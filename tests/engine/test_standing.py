@@ -46,7 +46,7 @@ def test_every_leg_is_as_it_is_foreseen(case: str):
             drone.transit = transits[id(transit)]
             foresee_rings(constants, engine.own_path, state, drone, world.step_us)
             rows = array_of_rows[known[at] : known[at + 1]].tolist()
-            assert rows == [list(change) for change in drone.ahead]
+            assert rows == [tuple(change) for change in drone.ahead]
             legs += len(rows) > 0
     assert legs > nx * ny
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, WalkLeg, look_around
 from desim_uav.model.geometry.crossings import crossings
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.rules import US
-from desim_uav.rowcode.views import records
+from desim_uav.rowcode.views import records, zeros
 from tests.model.sampler import Flight, Pair, Walk, look
 from tests.verification.figure import Exact, Figure
 
@@ -24,7 +25,7 @@ def find(transit, route, span_us, users, *, fresh=False, radius=R, climb=0.0, ro
     """The crossings as (t_us, user, enters); ``users``: a list of legs (t0, x, y, vx, vy) each."""
     legs = records(WalkLeg, [leg for user in users for leg in user])
     offsets = np.cumsum([0, *map(len, users)])
-    out = np.full((room, 3), -7, np.int64)
+    out = zeros(Change, room)
     walking = Users(legs, offsets, np.zeros((SEEN_ROWS, len(users))))
     look_around(walking, *span_us)
     leg = DroneLeg(transit.rows, tuple(map(float, route)), span_us, radius, fresh, climb)

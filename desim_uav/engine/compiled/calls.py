@@ -17,7 +17,6 @@ from desim_uav.model.decisions import discount_of
 from desim_uav.model.geometry.coverage import leg_at, walked
 from desim_uav.rowcode.compiled_rows import (
     address_of,
-    as_array,
     call,
     entries_at,
     pointer_to,
@@ -236,12 +235,12 @@ def fork_all(
     Each of them must have memory for a state of as many words. Tables in a state are found by their
     distances from it, so nothing but the block is copied.
     """
-    source = as_array(words_at(state, words), (words,))
+    source = words_at(state, words)
     for k in range(len(environments)):
         if which[k]:
             row = environments[k]
             row[0], row[1] = world, path
-            target = as_array(words_at(row[2], words), (words,))
+            target = words_at(row[2], words)
             for word in range(words):
                 target[word] = source[word]
 

@@ -91,8 +91,8 @@ class Buckets(NamedTuple):
 
     shape: tuple[int, int]
     side_m: tuple[float, float]
-    heads: NDArray[np.int64]
-    following: NDArray[np.int64]
+    heads: Ints
+    following: Ints
 
 
 class Way(NamedTuple):
@@ -282,7 +282,8 @@ def sort_into_buckets(seen: NDArray[np.float64], buckets: Buckets) -> float:
     """Put users into buckets; return a bound in metres on their moves along an axis in the span."""
     shape, side, heads, following = buckets
     far = 0.0
-    heads[:] = -1
+    for k in range(len(heads)):
+        heads[k] = -1
     for user in range(len(following) - 1, -1, -1):
         x, y = seen[AT_X, user], seen[AT_Y, user]
         walk = max(abs(seen[TO_X, user] - x), abs(seen[TO_Y, user] - y))

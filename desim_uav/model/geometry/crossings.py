@@ -9,9 +9,6 @@ and a tangent is never an entry without an exit.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from desim_uav.model.geometry.coverage import (
     AT_X,
     AT_Y,
@@ -31,6 +28,7 @@ from desim_uav.model.geometry.coverage import (
 )
 from desim_uav.model.geometry.relative import (
     GRAZE_M,
+    Change,
     Relative,
     beyond,
     excess_at,
@@ -44,15 +42,16 @@ from desim_uav.model.geometry.relative import (
     write,
 )
 from desim_uav.rowcode.kernels import kernel, part
+from desim_uav.rowcode.rows import Table
 
 
 @kernel
-def crossings(leg: DroneLeg, users: Users, out: NDArray[np.int64]) -> int:
+def crossings(leg: DroneLeg, users: Users, out: Table[Change]) -> int:
     """Write all entries and exits of one drone's leg, for all users, and return their number.
 
-    ``look_around`` must have written ``users.seen`` for the leg's span. Rows (time, user, enters)
-    are written into ``out`` (buffer, 3), user by user in order of time; rows that do not fit are
-    counted but not written. An entry and an exit in the same microsecond cancel.
+    ``look_around`` must have written ``users.seen`` for the leg's span. These
+    are written into ``out``, user by user in order of time; those that do not fit are counted but
+    not written. An entry and an exit in the same microsecond cancel.
     """
     seen, fresh = users.seen, leg.fresh
     flight, stay = ways_of(leg)
@@ -74,7 +73,7 @@ def crossings(leg: DroneLeg, users: Users, out: NDArray[np.int64]) -> int:
 
 @kernel
 def crossings_near(
-    leg: DroneLeg, users: Users, buckets: Buckets, far_m: float, out: NDArray[np.int64]
+    leg: DroneLeg, users: Users, buckets: Buckets, far_m: float, out: Table[Change]
 ) -> int:
     """Write the same crossings as ``crossings``, but examine only users in buckets near the leg.
 
@@ -103,7 +102,7 @@ def crossings_near(
 
 
 @part
-def cross(leg: DroneLeg, users: Users, user: int, out: NDArray[np.int64], total: int) -> int:
+def cross(leg: DroneLeg, users: Users, user: int, out: Table[Change], total: int) -> int:
     """Write the crossings of a user in order of time, and return the new total."""
     x, y = leg.route[0] - users.seen[AT_X, user], leg.route[1] - users.seen[AT_Y, user]
     inside = beyond(x, y, leg.radius_m) <= 0.0
@@ -121,7 +120,7 @@ def _roots(
     user: int,
     inside: bool,
     latest: int,
-    out: NDArray[np.int64],
+    out: Table[Change],
     total: int,
 ) -> int:
     """Write the crossings of a user who is ``inside`` at the start; return the new total.

@@ -10,18 +10,29 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from desim_uav.model.geometry.coverage import MARGIN_M, DroneLeg, WalkLeg
 from desim_uav.rowcode.kernels import kernel, part
+from desim_uav.rowcode.rows import Row, Table, row
 
 GRAZE_M = 1e-13
 """How close to the radius, in metres, an extremum of the distance touches it without a crossing."""
 
-TIME_US, USER, ENTERS = range(3)
-"""The columns of a table of crossings: time in µs, user, and 1 for an entry or 0 for an exit."""
-
 Points = tuple[float, float, float]
+
+
+@row
+class Change(Row):
+    """The change of a link between a sender and a user to another class.
+
+    ``change`` is the new class if the link rises to it, and minus the new class if it falls to it.
+    Class 0 is no link. With the paper's disc, which has one class, 1 is the entry of a user into
+    the footprint and 0 its exit.
+    """
+
+    t_us: int
+    user: int
+    change: int
 
 
 class Relative(NamedTuple):
@@ -266,10 +277,9 @@ def rounded_us(start_us: int, since_s: float) -> int:
 
 
 @kernel
-def write(out: NDArray[np.int64], total: int, t_us: int, user: int, enters: int) -> int:
-    """Write a row of a table of crossings if there is room, and return the new number of rows."""
+def write(out: Table[Change], total: int, t_us: int, user: int, change: int) -> int:
+    """Write a change if there is room for it, and return the new number of changes."""
     if total < len(out):
-        out[total, TIME_US] = t_us
-        out[total, USER] = user
-        out[total, ENTERS] = enters
+        one = out[total]
+        one.t_us, one.user, one.change = t_us, user, change
     return total + 1

@@ -32,7 +32,7 @@ from desim_uav.model.naming import naming
 from desim_uav.model.random.streams import FAR_US, Stream, Streams
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.compiled_registers import held, put_back
-from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of, pointer_to
+from desim_uav.rowcode.compiled_rows import array_at, entries_at, place_of, pointer_to
 from desim_uav.rowcode.components import (
     Compiled,
     Function,
@@ -212,13 +212,13 @@ def _around(cls: Any, values_at: ValuesAt) -> Any:
     owner = owner_of(cls)
     walking_at = pointer_to(walking_of(cls), owner)
     floats_at, words_at = entries_at(float, owner), entries_at(int, owner)
+    all_at = array_at(int)
 
     def walk(values: int, at: int, homes: int, streams: int, start_us: int, end_us: int) -> None:
         walking = walking_at(at)
         if not walking.begun:
             users = len(walking.walkers)
-            memory = words_at(place_of(walking.walkers), users * words)
-            numbers = as_array(memory, (users * words,))  # which may alias all fields
+            numbers = all_at(place_of(walking.walkers), users * words)  # which may alias all fields
             for k in range(users * words):
                 numbers[k] = 0
             places, states = floats_at(homes, 2 * users), words_at(streams, 4 * users)

@@ -28,7 +28,7 @@ from desim_uav.model.geometry.coverage import (
     leg_near,
     walked,
 )
-from desim_uav.model.geometry.relative import beyond, rounded_us
+from desim_uav.model.geometry.relative import Change, beyond, rounded_us
 from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
 from desim_uav.model.radio.nested import bounds_of, sift, sifted
 from desim_uav.model.radio.passages import Passage, begin_passages, passed
@@ -101,7 +101,7 @@ def window_rows(slabs: int, longest: int) -> int:
 
 @kernel
 def class_changes_between(
-    leg: DroneLeg, climb: Climb, users: Users, groups: Ints, out: NDArray[np.int64]
+    leg: DroneLeg, climb: Climb, users: Users, groups: Ints, out: Table[Change]
 ) -> int:
     """Write all changes of class while a drone climbs or descends, and return their number.
 
@@ -173,7 +173,7 @@ def _follow(
     users: Users,
     of: tuple[int, int],
     span: tuple[int, int, int],
-    out: NDArray[np.int64],
+    out: Table[Change],
     total: int,
 ) -> int:
     """Write the changes of a user in a group (``of``), and return the new number of rows.
@@ -248,7 +248,7 @@ def _pass(
     circles: tuple[int, int],
     times: tuple[float, float],
     one: Passage,
-    out: NDArray[np.int64],
+    out: Table[Change],
 ) -> Passage:
     """Write the changes of a user in a stretch, by shorter and shorter times where need be."""
     (user, group), (first, stop), (at, end) = of, circles, times

@@ -26,6 +26,7 @@ from desim_uav.model.geometry.coverage import (
 )
 from desim_uav.model.geometry.relative import (
     GRAZE_M,
+    Change,
     Relative,
     beyond,
     coast_of,
@@ -55,7 +56,7 @@ def cross_rings(
     radii: NDArray[np.float64],
     first: int,
     stop: int,
-    out: NDArray[np.int64],
+    out: Table[Change],
     total: int,
 ) -> int:
     """Write when a user passes into another ring, in order of time; return the new total.

@@ -21,11 +21,12 @@ from desim_uav.model.geometry.coverage import (
     walked,
 )
 from desim_uav.model.geometry.crossings import crossings, crossings_near
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.mobility.mobility import Area, RandomWalk
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import US
-from desim_uav.rowcode.views import records
+from desim_uav.rowcode.views import records, zeros
 from tests.selection import by_default
 from tests.verification.crossings import FAST, FILL, R, at, find, fly, hover, stated, survey
 from tests.verification.figure import check
@@ -199,11 +200,11 @@ def test_what_does_not_fit_is_counted_and_not_written():
     walking, span = Users(legs, np.arange(4), np.zeros((SEEN_ROWS, 3))), (0, 2000 * US)
     look_around(walking, *span)
     for room in range(7):
-        out = np.full((room + 2, 3), -7, np.int64)
+        out = records(Change, np.full((room + 2, 3), -7))
         leg = DroneLeg(REST.rows, (0.0, 0.0, 0.0, 0.0), span, R, False)
         assert crossings(leg, walking, out[:room]) == 6
-        assert out[:room].tolist() == [list(row) for row in whole[:room]]
-        assert (out[room:] == -7).all()
+        assert out[:room].tolist() == whole[:room]
+        assert set(out[room:].tolist()) == {(-7, -7, -7)}
 
 
 class TestLegs:
@@ -357,7 +358,7 @@ def test_users_in_buckets_cross_as_all_users_do(seed):
     heads, following = np.empty(shape[0] * shape[1], np.int64), np.empty(400, np.int64)
     buckets = Buckets(shape, side, heads, following)
     users, found = Users(legs, offsets, np.zeros((SEEN_ROWS, 400))), 0
-    out, near = np.empty((5000, 3), np.int64), np.empty((5000, 3), np.int64)
+    out, near = zeros(Change, 5000), zeros(Change, 5000)
     for _ in range(40):
         start = int(rng.integers(0, 540)) * US
         span = (start, start + 60 * US)

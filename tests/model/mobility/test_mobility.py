@@ -239,14 +239,14 @@ class TestTrace:
         homes = np.array([(9.0, 9.0), (8.0, 8.0), (7.0, 7.0)])
         walks = trace.walks(homes, streams(), Area(200.0, 200.0), HORIZON_US)
         home, one, two = own_legs(walks)
-        assert home.tolist() == [[0, 9, 9, 0, 0]]
+        assert home.tolist() == [(0, 9, 9, 0, 0)]
         assert one.tolist() == [
-            [0, 100, 0, 0, 0],
-            [10 * US, 100, 0, 2, 3],
-            [30 * US, 140, 60, 0, -40],
-            [31.5 * US, 140, 0, 0, 0],
+            (0, 100, 0, 0, 0),
+            (10 * US, 100, 0, 2, 3),
+            (30 * US, 140, 60, 0, -40),
+            (31.5 * US, 140, 0, 0, 0),
         ]
-        assert two.tolist() == [[0, 5, 6, 0, 0], [0.25 * US, 5, 6, 0, 0]]
+        assert two.tolist() == [(0, 5, 6, 0, 0), (0.25 * US, 5, 6, 0, 0)]
 
     @pytest.mark.parametrize(
         ("text", "message"),

@@ -103,8 +103,8 @@ class TestLegs:
             leg = leg_between(LIMITS, CALM, np.inf, (1.0, 2.0, 3.0), (1.0, 2.0 + apart, 3.0))
             assert (leg.distance_m, leg.duration_us) == (0.0, 0)
             profile = profile_of(leg)
-            assert profile.tolist() == [[0.0] * 4]
-            assert place_on(leg, np.zeros((4, 4)), 9.0) == (1.0, 2.0, 3.0)
+            assert profile.tolist() == [(0.0,) * 4]
+            assert place_on(leg, profile, 9.0) == (1.0, 2.0, 3.0)
 
 
 class TestReach:

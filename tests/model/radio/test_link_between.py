@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.radio.between import (
     Climb,
     Window,
@@ -66,7 +67,7 @@ def rows_between(sky, fresh=True, room=3000):
         zeros(Window, window_rows(slabs, len(leg.profile))),
     )
     drone = DroneLeg(leg.profile, route, sky.span_us, 0.0, fresh)
-    out = np.full((room, 3), -7)
+    out = zeros(Change, room)
     count = class_changes_between(drone, climb, users, np.zeros(len(own), np.int64), out)
     if count > room:
         return count
@@ -76,7 +77,7 @@ def rows_between(sky, fresh=True, room=3000):
             assert t_us > rows[user][-1][0]
             assert (change > rows[user][-1][1]) if change > 0 else (-change < rows[user][-1][1])
         rows[user].append((t_us, abs(change)))
-    assert out[:count, 1].tolist() == sorted(out[:count, 1])
+    assert out["user"][:count].tolist() == sorted(out["user"][:count])
     return rows
 
 
