@@ -40,9 +40,9 @@ from desim_uav.engine.compiled.pack import forget_packed
 from desim_uav.engine.compiled.scratch import scratch
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
-from desim_uav.model.geometry import coverage, crossings
+from desim_uav.model.geometry import coverage, crossings, relative
 from desim_uav.model.rules import Action
-from desim_uav.rowcode.views import array_of
+from desim_uav.rowcode.views import array_of, zeros
 from desim_uav.rules.rows import State
 from desim_uav.sample_path import SamplePath, SamplePaths, draw
 from desim_uav.scenario.load import from_mapping
@@ -294,13 +294,13 @@ def second_pass(size: Size, rounds: int) -> tuple[float, float]:
     lists = np.empty(shape[0] * shape[1], np.int64), np.empty(size.users, np.int64)
     buckets = coverage.Buckets(shape, side, *lists)
     starts = [world.grid.centre(*cell) for cell in world.starts]
-    profile, hop_m = world.only_type.epoch_transits[Action.RIGHT].profile, world.grid.cell_m[0]
+    profile, hop_m = world.only_type.epoch_transits[Action.RIGHT].rows, world.grid.cell_m[0]
     radius_m, span = world.scenario.drones.footprint_radius_m, (0, world.step_us)
     legs = [
         coverage.DroneLeg(profile, (x, y, x + hop_m, y), span, radius_m, fresh=False)
         for x, y in starts
     ]
-    room = np.empty((4 * size.users, 3), np.int64)
+    room = zeros(relative.Change, 4 * size.users)
 
     def near() -> int:
         far_m = coverage.sort_into_buckets(users.seen, buckets)

@@ -20,7 +20,7 @@ from desim_uav.model.demand.demand import drawn_by, is_sensed, requests_of
 from desim_uav.model.demand.requests import Requests
 from desim_uav.model.mobility.mobility import Mobility, Static, walks_of
 from desim_uav.model.mobility.walking import RowMobility, from_here
-from desim_uav.model.mobility.walks import Area, Walks
+from desim_uav.model.mobility.walks import Area, Walks, in_rows
 from desim_uav.model.random.streams import Purpose, Seeds, Streams, states_of
 from desim_uav.model.rules import US
 from desim_uav.rowcode.components import works_on_rows
@@ -133,8 +133,7 @@ class UserGroup(Unchanging):
         if not getattr(self.mobility, "draws", True):
             return Static().walks(own, streams, self._area, self._horizon_us)
         begun, model = streams.beginning(self.first_stream), from_here(self.mobility)
-        walks: Walks = model.walks(own, begun, self._area, self._horizon_us)
-        return walks
+        return in_rows(model.walks(own, begun, self._area, self._horizon_us))
 
     def requests_of(self, seed: Seeds, episodes: Sequence[int]) -> Sequence[Requests]:
         """Draw the users' requests in several episodes at once."""

@@ -349,7 +349,7 @@ def place_on(leg, t_s, world):
     else:
         transit = motion.fastest_transit(length_m)
     assert transit.duration_us / US == leg["duration_s"]
-    return tuple(start + (end - start) * travelled(transit.profile, elapsed_s) / length_m)
+    return tuple(start + (end - start) * travelled(transit.rows, elapsed_s) / length_m)
 
 
 class TestToFrame:

@@ -12,7 +12,7 @@ import numpy as np
 from desim_uav.engine.constants import transit_row, transits_of
 from desim_uav.links import Links
 from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
-from desim_uav.model.motion.motion import TRAPEZOID
+from desim_uav.model.motion.motion import TRAPEZOID, PieceRow
 from desim_uav.model.radio.between import Window, window_rows
 from desim_uav.model.radio.buildings import Buildings, cells_as_prisms
 from desim_uav.model.radio.curves import MOST_CURVES, Curve, blank_curve, draw
@@ -24,7 +24,7 @@ from desim_uav.model.radio.tracks import TrackRow
 from desim_uav.rowcode.rows import Table, address, blank, has_tables, held_by, is_row, origin_of
 from desim_uav.rowcode.views import in_memory, zeros
 from desim_uav.sky.links import MOST_PASSED
-from desim_uav.sky.rows import Change, LegRow, PieceRow, Propagation, Scene, Sky, Turn
+from desim_uav.sky.rows import Change, LegRow, Propagation, Scene, Sky, Turn
 from desim_uav.sky.separation import most_turns
 from desim_uav.world import World
 

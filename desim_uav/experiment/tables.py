@@ -19,7 +19,6 @@ from desim_uav.columns import TEXT, to_frame
 from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import ClosedRequest, EpisodeLog, SensorTotals
 from desim_uav.model.energy.battery import WH_UJ
-from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import NEVER, US, Mode, Outcome
 from desim_uav.model.sums import in_order
 from desim_uav.records import (
@@ -426,17 +425,18 @@ def users_table(paths: Sequence[SamplePath], world: World) -> pd.DataFrame:
 def _way_points(path: SamplePath, world: World) -> NDArray[np.float64]:
     legs, offsets = path.walks
     user = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    underway = legs[:, T0_US] <= world.horizon_us
+    underway = legs["begin_us"] <= world.horizon_us
     legs, user = legs[underway], user[underway]
     last = np.flatnonzero(np.diff(user, append=-1))  # each user's last leg begun in the episode
-    goes_on = last[legs[last, T0_US] < world.horizon_us]
+    goes_on = last[legs["begin_us"][last] < world.horizon_us]
     ends = legs[goes_on]
-    moved_s = (world.horizon_us - ends[:, T0_US, None]) / US
-    ends[:, [X0, Y0]] += ends[:, [VX, VY]] * moved_s
-    ends[:, T0_US] = world.horizon_us
+    moved_s = (world.horizon_us - ends["begin_us"]) / US
+    ends["x_m"] += ends["vx_mps"] * moved_s
+    ends["y_m"] += ends["vy_mps"] * moved_s
+    ends["begin_us"] = world.horizon_us
     points, user = np.concatenate((legs, ends)), np.concatenate((user, user[goes_on]))
-    order = np.lexsort((points[:, T0_US], user))
+    order = np.lexsort((points["begin_us"], user))
     points, user = points[order], user[order]
     episode = np.full(len(points), path.episode)
-    columns = (episode, user, points[:, T0_US] / US, points[:, X0], points[:, Y0])
+    columns = (episode, user, points["begin_us"] / US, points["x_m"], points["y_m"])
     return np.column_stack((*columns, world.homes[user, 2]))

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
 from desim_uav.model.geometry.crossings import crossings
-from desim_uav.model.geometry.relative import ENTERS, TIME_US, USER
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.mobility.mobility import Static
 from desim_uav.model.motion.motion import REST, TransitLeg
 from desim_uav.model.motion.planner import Node
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.registry import kind_name
+from desim_uav.rowcode.views import zeros
 from desim_uav.world import World
 
 LARGEST = 2 * 10**8
@@ -33,11 +36,13 @@ class Footprints:
         self.world = world
         users = len(world.homes)
         self.users = Users(*world.walks(world.seed, 0), np.zeros((SEEN_ROWS, users)))
-        self._buffer = np.empty((4 * len(world.homes) + 4, 3), np.int64)
+        self._buffer = zeros(Change, 4 * len(world.homes) + 4)
 
     def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
         """Return the users in the footprint of a drone that hovers over a point."""
-        return self._crossings(TransitLeg(REST, centre_m, centre_m, 0.0, 0.0), 0)[:, USER]
+        over = TransitLeg(REST, centre_m, centre_m, 0.0, 0.0)
+        users: NDArray[np.int64] = self._crossings(over, 0)["user"]
+        return users
 
     def sets_along(self, leg: TransitLeg, span_us: int) -> set[int]:
         """Return the largest sets of users in the footprint during a leg, user u as bit u.
@@ -45,7 +50,7 @@ class Footprints:
         Users who enter and leave in the same microsecond all count as covered at once.
         """
         crossings = self._crossings(leg, span_us)
-        order = np.lexsort((-crossings[:, ENTERS], crossings[:, TIME_US]))
+        order = np.lexsort((-crossings["change"], crossings["t_us"]))
         users, grown, largest = 0, False, set()
         for _, user, enters in crossings[order].tolist():
             if grown and not enters:
@@ -55,15 +60,15 @@ class Footprints:
         largest.add(users)
         return largest
 
-    def _crossings(self, leg: TransitLeg, span_us: int) -> NDArray[np.int64]:
+    def _crossings(self, leg: TransitLeg, span_us: int) -> Any:
         """Return the entries and exits of a leg; users inside at its start enter then."""
         look_around(self.users, 0, span_us)
         route = (*leg.from_m, *leg.to_m)
         radius_m = self.world.only_type.drones.footprint_radius_m
-        flown = DroneLeg(leg.transit.profile, route, (0, span_us), radius_m, fresh=True)
+        flown = DroneLeg(leg.transit.rows, route, (0, span_us), radius_m, fresh=True)
         count = crossings(flown, self.users, self._buffer)
         if count > len(self._buffer):
-            self._buffer = np.empty((2 * count, 3), np.int64)
+            self._buffer = zeros(Change, 2 * count)
             return self._crossings(leg, span_us)
         return self._buffer[:count].copy()
 

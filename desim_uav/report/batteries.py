@@ -12,7 +12,7 @@ from desim_uav.drone_type import DroneType
 from desim_uav.errors import PolicyError
 from desim_uav.model.energy.battery import Energy
 from desim_uav.model.energy.charging import Charging
-from desim_uav.model.motion.motion import ACCELERATION, START, Transit
+from desim_uav.model.motion.motion import Transit
 from desim_uav.model.rules import US
 from desim_uav.report.run import Run
 from desim_uav.report.tracks import Track
@@ -136,12 +136,11 @@ def _is_even(energy: Energy, flight: Transit) -> bool:
 
 def samples_us(flight: Transit, ramp_parts: int = RAMP_PARTS) -> list[int]:
     """Return the times of a flight between which its power is near constant, from 0 to its end."""
-    pieces = flight.profile.tolist()
     times_us = [0]
-    for piece, after in pairwise(pieces):
-        parts = ramp_parts if piece[ACCELERATION] else 1
-        span_s = after[START] - piece[START]
-        times_us += [round((piece[START] + span_s * k / parts) * US) for k in range(1, parts + 1)]
+    for piece, after in pairwise(flight.pieces):
+        parts = ramp_parts if piece.acceleration_mps2 else 1
+        span_s = after.start_s - piece.start_s
+        times_us += [round((piece.start_s + span_s * k / parts) * US) for k in range(1, parts + 1)]
     return sorted({min(t_us, flight.duration_us) for t_us in times_us} | {flight.duration_us})
 
 

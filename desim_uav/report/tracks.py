@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,11 +13,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.geometry.grid import Grid
 from desim_uav.model.motion.motion import (
-    ACCELERATION,
-    DISTANCE,
     REST,
-    SPEED,
-    START,
     Transit,
     TransitLeg,
     flown_transit,
@@ -81,7 +78,7 @@ class Track:
             middles: Ints = (self.starts_us + self.ends_us) // 2
             return middles
         cuts = [
-            start_us + round(after_s(leg.transit.profile, share * leg.transit.distance_m) * US)
+            start_us + round(after_s(leg.transit, share * leg.transit.distance_m) * US)
             for start_us, leg, (start, end) in zip(
                 self.starts_us.tolist(), self._legs, self.places, strict=True
             )
@@ -101,15 +98,15 @@ class Track:
         return self._legs[last].position_m((t_us - int(self.starts_us[last])) / US)
 
 
-def after_s(profile: NDArray[np.float64], metres: float) -> float:
+def after_s(transit: Transit, metres: float) -> float:
     """Return the time at which a transit has flown so far: the inverse of ``motion.travelled``."""
-    piece = max(0, int(np.searchsorted(profile[:, DISTANCE], metres, "right")) - 1)
-    speed, acceleration = float(profile[piece, SPEED]), float(profile[piece, ACCELERATION])
-    left_m = metres - float(profile[piece, DISTANCE])
+    begun = bisect_right(transit.pieces, metres, key=lambda piece: piece.from_m)
+    start_s, from_m, speed, acceleration = transit.pieces[max(0, begun - 1)]
+    left_m = metres - from_m
     if left_m <= 0.0:
-        return float(profile[piece, START])
+        return start_s
     reached = math.sqrt(max(0.0, speed * speed + 2.0 * acceleration * left_m))
-    return float(profile[piece, START]) + 2.0 * left_m / (speed + reached)
+    return start_s + 2.0 * left_m / (speed + reached)
 
 
 def _shares(start: float, end: float, cell_m: float) -> list[float]:

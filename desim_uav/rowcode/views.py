@@ -179,21 +179,20 @@ def array_of(block: Words, cls: type[Row], name: str, at: int = 0) -> NDArray[An
 
 @cache
 def dtype_of(cls: type[Row]) -> np.dtype[Any]:
-    """Return the NumPy data type of a class of rows."""
+    """Return the NumPy data type of a class of rows, each of which has its fields as attributes."""
     formats = [
         dtype_of(kind)
         if is_row(kind)
         else FORMATS.get(kind) or (np.int64, bytes_of(kind, is_far(cls, name)) // 8)
         for name, kind in cls.kinds.items()
     ]
-    return np.dtype(
-        {
-            "names": list(cls.kinds),
-            "formats": formats,
-            "offsets": list(cls.byte_of.values()),
-            "itemsize": 8 * cls.words,
-        }
-    )
+    fields = {
+        "names": list(cls.kinds),
+        "formats": formats,
+        "offsets": list(cls.byte_of.values()),
+        "itemsize": 8 * cls.words,
+    }
+    return np.dtype((np.record, fields))
 
 
 def zeros(cls: type[Row], count: int) -> Any:

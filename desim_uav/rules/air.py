@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.rowcode.compiled_rows import call_for_int
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rowcode.rows import address
@@ -95,7 +94,7 @@ def show_air(world: Constants, path: Path, state: State, end_us: int) -> bool:
         walking = state.look.walking
         if walking.lost:
             state.faults |= LOST
-        if walking.lost or walking.count * LEG_COLUMNS > len(walking.legs):
+        if walking.lost or walking.count > len(walking.legs):
             return False
     for d in range(len(state.senders)):
         show_leg(world, state, state.senders[d])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from desim_uav.model.geometry.coverage import VX, VY, X0, Y0
 from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
@@ -13,13 +12,13 @@ COURSES = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
 @rule
 def stand(world: Constants, path: Path) -> int:
     """Return whether all users stand still at the homes for which the table was computed."""
-    if len(world.known_at) == 0 or path.stepwise or len(path.legs) != 5 * len(world.homes):
+    if len(world.known_at) == 0 or path.stepwise or len(path.legs) != len(world.homes):
         return 0
     for user in range(len(world.homes)):
-        home, leg = world.homes[user], 5 * user
-        if path.legs[leg + X0] != home.x_m or path.legs[leg + Y0] != home.y_m:
+        home, leg = world.homes[user], path.legs[user]
+        if leg.x_m != home.x_m or leg.y_m != home.y_m:
             return 0
-        if path.legs[leg + VX] != 0.0 or path.legs[leg + VY] != 0.0:
+        if leg.vx_mps != 0.0 or leg.vy_mps != 0.0:
             return 0
     return 1
 

@@ -33,7 +33,7 @@ def know_walks(world: Constants, path: Path, state: State, start_us: int, end_us
 
 @rule
 def walks_of(path: Path, state: State) -> tuple[int, int, int]:
-    """Return where the users' walks are in memory, how many numbers, and where the offsets are."""
+    """Return where the users' walks are in memory, how many legs, and where the offsets are."""
     legs, begins = path.legs, path.legs_at
     if path.stepwise:
         legs, begins = state.look.walking.legs, state.look.walking.legs_at

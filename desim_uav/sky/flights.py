@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from desim_uav.model.motion.motion import PieceRow
 from desim_uav.model.radio.tracks import Flight
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.rows import Table
-from desim_uav.sky.rows import LegRow, PieceRow, Scene
+from desim_uav.sky.rows import LegRow, Scene
 
 
 @rule

@@ -17,14 +17,12 @@ from desim_uav.model.radio.between import Climb, class_changes_between
 from desim_uav.model.radio.fits import TERM_COLUMNS
 from desim_uav.model.radio.links import changes_at
 from desim_uav.model.radio.nested import class_changes
-from desim_uav.rowcode.compiled_rows import as_array
 from desim_uav.rowcode.kernels import kernel, rare_rule, rule
+from desim_uav.rowcode.rows import Table, shaped
 from desim_uav.sky.flights import pieces_of
-from desim_uav.sky.memory import ints_at, scene_at, sky_at, walks_at
+from desim_uav.sky.memory import scene_at, sky_at, walks_at
 from desim_uav.sky.order import sort_last_first, spread_last_first
 from desim_uav.sky.rows import Change, LegRow, Propagation, Scene, Sky
-
-PIECE_COLUMNS, CHANGE_COLUMNS = 4, Change.words
 
 
 @kernel
@@ -34,7 +32,7 @@ def foresee_discs(
     out: int,
     room: int,
     walks: int,
-    numbers: int,
+    legs: int,
     begins: int,
     sender: int,
     start_us: int,
@@ -49,11 +47,11 @@ def foresee_discs(
     Returns the number of changes, of which only so many are written as there is memory for.
     """
     at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
-    users = _users_of(at, own, walks, numbers, begins)
+    users = _users_of(at, own, walks, legs, begins)
     _look(at, own, users, span)
-    changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
+    changes = changes_at(out, room)
     count = _cross_disc(at, own, users, own.legs[sender], span, changes)
-    sort_last_first(changes_at(out, room), min(count, room))
+    sort_last_first(changes, min(count, room))
     return count
 
 
@@ -64,7 +62,7 @@ def foresee_rings(
     out: int,
     room: int,
     walks: int,
-    numbers: int,
+    legs: int,
     begins: int,
     sender: int,
     start_us: int,
@@ -77,18 +75,18 @@ def foresee_rings(
     """
     at, own = scene_at(scene), sky_at(sky)
     leg, span = own.legs[sender], (start_us, until_us)
-    rings, users = at.radios[leg.radio], _users_of(at, own, walks, numbers, begins)
+    rings, users = at.radios[leg.radio], _users_of(at, own, walks, legs, begins)
     _look(at, own, users, span)
-    changes = as_array(ints_at(out, CHANGE_COLUMNS * room), (room, CHANGE_COLUMNS))
+    changes = changes_at(out, room)
     if not _is_between(rings, leg) and _is_disc(rings, leg):
         count = _cross_disc(at, own, users, leg, span, changes)
     else:
         count = _cross_rings(at, own, users, leg, span, changes)
     rows = min(count, room)
     if rings.classes == 1:
-        sort_last_first(changes_at(out, room), rows)
+        sort_last_first(changes, rows)
     else:
-        spread_last_first(own.found, rows, own.order, changes_at(out, room))
+        spread_last_first(own.found, rows, own.order, changes)
     return count
 
 
@@ -104,7 +102,7 @@ def _look(scene: Scene, sky: Sky, users: Users, span_us: tuple[int, int]) -> Non
 
 @rule
 def _cross_disc(
-    scene: Scene, sky: Sky, users: Users, leg: LegRow, span_us: tuple[int, int], out: Any
+    scene: Scene, sky: Sky, users: Users, leg: LegRow, span_us: tuple[int, int], out: Table[Change]
 ) -> int:
     """Write the entries and exits on a leg, and return their number."""
     rings = scene.radios[leg.radio]
@@ -116,7 +114,12 @@ def _cross_disc(
 
 @rare_rule
 def _cross_rings(
-    scene: Scene, sky: Sky, users: Users, leg: LegRow, span_us: tuple[int, int], changes: Any
+    scene: Scene,
+    sky: Sky,
+    users: Users,
+    leg: LegRow,
+    span_us: tuple[int, int],
+    changes: Table[Change],
 ) -> int:
     """Write the changes of class on a leg, and return their number.
 
@@ -124,23 +127,21 @@ def _cross_rings(
     """
     rings = scene.radios[leg.radio]
     levels, groups = rings.levels, _circles(rings) // rings.classes
-    radii_m = as_array(rings.radii_m, (levels, groups, rings.classes))
+    radii_m = shaped(rings.radii_m, (levels, groups, rings.classes))
     own_m = radii_m[leg.level]
     flown = _flown(scene, leg, span_us, own_m[0, 0])
-    out = changes
-    if rings.classes > 1:
-        out = as_array(sky.found, (len(sky.found), CHANGE_COLUMNS))
+    out = sky.found if rings.classes > 1 else changes
     if _is_between(rings, leg):
         lower, shape = min(leg.level, leg.to_level), (groups, rings.classes)
-        bounds_m = as_array(rings.bounds_m, (levels - 1, 2, *shape))[lower]
+        bounds_m = shaped(rings.bounds_m, (levels - 1, 2, *shape))[lower]
         ranges = (levels - 1, groups, rings.slabs, 2, rings.classes)
         climb = Climb(
             1.0 if leg.to_level > leg.level else 0.0,
             (own_m, radii_m[leg.to_level]),
             bounds_m[0],
             bounds_m[1],
-            as_array(rings.terms, (levels - 1, *shape, rings.slabs, TERM_COLUMNS))[lower],
-            as_array(rings.ranges, ranges)[lower],
+            shaped(rings.terms, (levels - 1, *shape, rings.slabs, TERM_COLUMNS))[lower],
+            shaped(rings.ranges, ranges)[lower],
             sky.windows,
         )
         return class_changes_between(flown, climb, users, scene.groups, out)
@@ -166,11 +167,11 @@ def _is_disc(rings: Propagation, leg: LegRow) -> bool:
 
 
 @rule
-def _users_of(scene: Scene, sky: Sky, walks: int, numbers: int, begins: int) -> Any:
+def _users_of(scene: Scene, sky: Sky, walks: int, legs: int, begins: int) -> Any:
     """Return the users' walks, and what is known of them in the present span."""
     count = len(scene.groups)
-    legs, legs_at = walks_at(walks, numbers, begins, count)
-    return Users(legs, legs_at, as_array(sky.seen, (SEEN_ROWS, count)))
+    own_legs, legs_at = walks_at(walks, legs, begins, count)
+    return Users(own_legs, legs_at, shaped(sky.seen, (SEEN_ROWS, count)))
 
 
 @rule
@@ -179,17 +180,16 @@ def _buckets_of(scene: Scene, sky: Sky) -> Any:
     return Buckets(
         (scene.buckets_x, scene.buckets_y),
         (scene.bucket_x_m, scene.bucket_y_m),
-        as_array(sky.heads, (len(sky.heads),)),
-        as_array(sky.following, (len(sky.following),)),
+        sky.heads,
+        sky.following,
     )
 
 
 @rule
 def _flown(scene: Scene, leg: LegRow, span_us: tuple[int, int], radius_m: float) -> Any:
     """Return a leg in a span, with the radius of the sender's footprint."""
-    pieces = pieces_of(scene, leg)
     return DroneLeg(
-        as_array(pieces, (len(pieces), PIECE_COLUMNS)),
+        pieces_of(scene, leg),
         (leg.x0_m, leg.y0_m, leg.x1_m, leg.y1_m),
         span_us,
         radius_m,

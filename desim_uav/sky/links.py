@@ -39,7 +39,7 @@ def foresee_in_air(
     out: int,
     room: int,
     walks: int,
-    numbers: int,
+    legs: int,
     begins: int,
     sender: int,
     start_us: int,
@@ -52,7 +52,7 @@ def foresee_in_air(
     serve interfere.
     """
     at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
-    air, users, band = own.air, _walkers_of(at, walks, numbers, begins), own.legs[sender].band
+    air, users, band = own.air, _walkers_of(at, walks, legs, begins), own.legs[sender].band
     air.links[SIGNAL].sender, air.used = sender, 1
     for other in range(len(own.legs)):
         if other != sender and _interferes(own.legs[other], band):
@@ -70,7 +70,7 @@ def foresee_in_air(
 
 @kernel
 def foresee_all(
-    scene: int, sky: int, walks: int, numbers: int, begins: int, start_us: int, until_us: int
+    scene: int, sky: int, walks: int, legs: int, begins: int, start_us: int, until_us: int
 ) -> int:
     """Write all changes of the senders that are ``sought`` to ``Sky.changes``.
 
@@ -79,7 +79,7 @@ def foresee_all(
     computed for a user.
     """
     at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
-    users, senders, most = _walkers_of(at, walks, numbers, begins), len(own.legs), 0
+    users, senders, most = _walkers_of(at, walks, legs, begins), len(own.legs), 0
     room = len(own.changes) // senders
     for one in range(senders):
         own.legs[one].changes = 0
@@ -129,7 +129,7 @@ def better_us(
     scene: int,
     sky: int,
     walks: int,
-    numbers: int,
+    legs: int,
     begins: int,
     user: int,
     one: int,
@@ -141,7 +141,7 @@ def better_us(
 ) -> int:
     """Return when one sender becomes better than another one (see ``rules.association``)."""
     at, own, span = scene_at(scene), sky_at(sky), (start_us, until_us)
-    air, users = own.air, _walkers_of(at, walks, numbers, begins)
+    air, users = own.air, _walkers_of(at, walks, legs, begins)
     air.links[SIGNAL].sender, air.links[OTHER].sender, air.used = one, other, 2
     _begin_links(at, own, span)
     signal, last = air.links[SIGNAL], len(air.thresholds_db) - 1
@@ -187,7 +187,7 @@ def mark(
     scene: int,
     sky: int,
     walks: int,
-    numbers: int,
+    legs: int,
     begins: int,
     key: int,
     words: int,
@@ -203,7 +203,7 @@ def mark(
     is needed is returned; below 0, it is minus the number of stretches (``model.radio.marks``).
     """
     at, own = scene_at(scene), sky_at(sky)
-    air, users, first = own.air, _walkers_of(at, walks, numbers, begins), sender * own.mark_rows
+    air, users, first = own.air, _walkers_of(at, walks, legs, begins), sender * own.mark_rows
     leg, count = own.legs[sender], len(at.heights_m)
     radio = at.radios[leg.radio]
     sight = Sight(
@@ -234,10 +234,10 @@ def mark(
 
 
 @rule
-def _walkers_of(scene: Scene, walks: int, numbers: int, begins: int) -> Walkers:
+def _walkers_of(scene: Scene, walks: int, legs: int, begins: int) -> Walkers:
     """Return the walks and the heights of the users."""
-    legs, legs_at = walks_at(walks, numbers, begins, len(scene.groups))
-    return Walkers(legs, legs_at, scene.heights_m)
+    own, legs_at = walks_at(walks, legs, begins, len(scene.groups))
+    return Walkers(own, legs_at, scene.heights_m)
 
 
 @rule

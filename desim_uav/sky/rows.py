@@ -6,23 +6,15 @@ state of its episode: before a kernel is called, the rules write the legs that i
 
 from __future__ import annotations
 
+from desim_uav.model.geometry.relative import Change
+from desim_uav.model.motion.motion import PieceRow
 from desim_uav.model.radio.between import Window
 from desim_uav.model.radio.buildings import Corner, Stretch
 from desim_uav.model.radio.curves import Curve
-from desim_uav.model.radio.links import Air, Change
+from desim_uav.model.radio.links import Air
 from desim_uav.model.radio.tracks import TrackRow, Turn
 from desim_uav.model.radio.visits import Visit
 from desim_uav.rowcode.rows import Row, Table, row
-
-
-@row
-class PieceRow(Row):
-    """A part of a transit with constant acceleration: time, distance and speed at its start."""
-
-    start_s: float
-    from_m: float
-    speed_mps: float
-    acceleration_mps2: float
 
 
 @row

@@ -252,7 +252,7 @@ class TestAgainstTheEngine:
                 if leg["mode"] == "flying"
                 else motion.fastest_transit(length_m)
             )
-            share = travelled(transit.profile, elapsed_s) / length_m
+            share = travelled(transit.rows, elapsed_s) / length_m
             seen = page.seek(int(leg["episode"]), t_s)["drones"][leg["drone"]]
             assert places([seen])[0] == pytest.approx(start + share * (end - start), abs=1e-4)
             modes.add(leg["mode"])

@@ -17,9 +17,11 @@ from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
 from desim_uav.model.admission import Waiting
 from desim_uav.model.demand.demand import Requests
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.mobility.mobility import Walks
 from desim_uav.model.rules import MOVES, Action, Phase, kind_of
 from desim_uav.model.state import Snapshot
+from desim_uav.rowcode.views import records
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -158,7 +160,7 @@ def path_of(
             places[drone, : len(of_drone)] = of_drone
     return SamplePath(
         episode,
-        Walks(np.array(legs, float), np.array(leg_offsets)),
+        Walks(records(WalkLeg, legs), np.array(leg_offsets)),
         Requests(
             np.array(rows, np.int64).reshape(-1, 2 + world.services.draws),
             np.array(row_offsets),

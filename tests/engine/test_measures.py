@@ -15,6 +15,7 @@ from desim_uav.engine.base import EpisodeLog, Measures, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment import tables
+from desim_uav.model.geometry.coverage import walked
 from desim_uav.rules import episode as rules_of_episodes
 from desim_uav.rules.requests import measures
 from desim_uav.sample_path import draw
@@ -203,8 +204,8 @@ def test_positions_are_those_of_the_record_and_of_the_walks():
             zip(path.walks.offsets, path.walks.offsets[1:], strict=False)
         ):
             legs = path.walks.legs[first:last]
-            leg = legs[legs[:, 0] <= shown.t_us][-1]
-            moved[user, :2] = leg[1:3] + leg[3:5] * (shown.t_us - leg[0]) / 1e6
+            leg = legs[legs["begin_us"] <= shown.t_us][-1]
+            moved[user, :2] = walked(leg, shown.t_us)
         assert users == pytest.approx(moved, abs=1e-9)
     assert not np.allclose(users, world.homes, atol=100), "they walk"
     users[:] = 0

@@ -39,6 +39,7 @@ from desim_uav.world import World, build_world
 from tests import plug_ins
 from tests.selection import by_default
 from tests.verification.engines import differences
+from tests.verification.walked import starts_of, velocities_of
 
 US = 1_000_000
 SETTINGS = RunSettings((True,) * 3, True, keep_events=True)
@@ -131,12 +132,13 @@ def test_way_points_are_walked_to_straight_and_paused_at():
     walks = walked(model)
     for first, end in pairwise(walks.offsets):
         own = walks.legs[first:end]
-        speeds = np.hypot(own[:, 3], own[:, 4])
+        speeds = np.hypot(own["vx_mps"], own["vy_mps"])
         assert speeds[0::2] == pytest.approx(5.0, rel=1e-4)
         assert (speeds[1::2] == 0.0).all()
-        assert (np.diff(own[:, 0])[1::2] == 20 * US).all()
-        arrived = own[:-1, 1:3] + own[:-1, 3:] * np.diff(own[:, 0])[:, None] / US
-        assert arrived == pytest.approx(own[1:, 1:3], abs=1e-6)
+        lasts_us = np.diff(own["begin_us"])
+        assert (lasts_us[1::2] == 20 * US).all()
+        arrived = starts_of(own[:-1]) + velocities_of(own[:-1]) * lasts_us[:, None] / US
+        assert arrived == pytest.approx(starts_of(own[1:]), abs=1e-6)
 
 
 def walker(x_m: float, y_m: float, vx_mps: float = 0.0, vy_mps: float = 0.0) -> Any:
@@ -159,9 +161,9 @@ def test_users_walk_on_from_where_they_are(model: Any):
     stationary = replace(model, start="stationary")
     for one in (model, stationary.from_here()):
         walks = walked(one)
-        assert np.array_equal(walks.legs[walks.offsets[:-1], 1:3], homes)
+        assert np.array_equal(starts_of(walks.legs[walks.offsets[:-1]]), homes)
     anywhere = walked(stationary)
-    assert (anywhere.legs[anywhere.offsets[:-1], 1:3] != homes).any(axis=1).all()
+    assert (starts_of(anywhere.legs[anywhere.offsets[:-1]]) != homes).any(axis=1).all()
     assert from_here(stationary) == replace(model, start="home")
     assert from_here(mobility.Static()) == mobility.Static()
 

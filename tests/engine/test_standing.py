@@ -46,7 +46,7 @@ def test_every_leg_is_as_it_is_foreseen(case: str):
             drone.transit = transits[id(transit)]
             foresee_rings(constants, engine.own_path, state, drone, world.step_us)
             rows = array_of_rows[known[at] : known[at + 1]].tolist()
-            assert rows == [list(change) for change in drone.ahead]
+            assert rows == [tuple(change) for change in drone.ahead]
             legs += len(rows) > 0
     assert legs > nx * ny
 
@@ -68,9 +68,9 @@ def test_users_who_are_not_at_home_are_looked_at(how: str):
     path = draw(world, 0, 0)
     legs = path.walks.legs.copy()
     if how == "elsewhere":
-        legs[:, 1:3] = legs[:, 1:3] * 0.5 + 300.0
+        legs["x_m"], legs["y_m"] = legs["x_m"] * 0.5 + 300.0, legs["y_m"] * 0.5 + 300.0
     else:
-        legs[:, 3] = 0.2
+        legs["vx_mps"] = 0.2
     moved = replace(path, walking=Walks(legs, path.walks.offsets))
     settings = RunSettings((True,), False, keep_events=True)
     one, other = Simulation(world, settings), BatchSimulation(world, settings)

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
-from desim_uav.model.geometry.coverage import T0_US
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.mobility.mobility import RandomWalk, Static
 from desim_uav.model.mobility.walks import Walking
+from desim_uav.rowcode.views import records
 from desim_uav.rules.rows import LookRow, State
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
@@ -51,8 +52,8 @@ def walked(engine: BatchSimulation, user: int) -> NDArray[np.float64]:
     """The legs of a user that the engine has in this step."""
     at = (State.byte_of["look"] + LookRow.byte_of["walking"]) // 8
     begins: Any = in_scratch(engine, at, Walking, "legs_at", ctypes.c_int64)
-    legs = in_scratch(engine, at, Walking, "legs", ctypes.c_double)
-    return legs[5 * begins[user] : 5 * begins[user + 1]].reshape(-1, 5)
+    legs = in_scratch(engine, at, Walking, "legs", WalkLeg.words * ctypes.c_double)
+    return records(WalkLeg, legs[begins[user] : begins[user + 1]])
 
 
 def in_scratch(
@@ -68,8 +69,8 @@ def in_span(path: SamplePath, user: int, start_us: int, end_us: int) -> NDArray[
     """Those of the path that are under way in a span, its ends included."""
     legs, offsets = path.walks
     own = legs[offsets[user] : offsets[user + 1]]
-    first = int(np.flatnonzero(own[:, T0_US] <= start_us)[-1])
-    return own[first:][own[first:, T0_US] <= end_us]
+    first = int(np.flatnonzero(own["begin_us"] <= start_us)[-1])
+    return own[first:][own["begin_us"][first:] <= end_us]
 
 
 @pytest.mark.parametrize(("walk", "step_s"), WALKS)

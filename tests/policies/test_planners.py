@@ -14,7 +14,7 @@ from desim_uav.errors import PolicyError
 from desim_uav.experiment.command import label_of
 from desim_uav.experiment.run import headline, play, run
 from desim_uav.experiment.sweep.plan import policy_digest
-from desim_uav.model.geometry.coverage import all_walked
+from desim_uav.model.geometry.coverage import WalkLeg, all_walked, walked
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Action, Mode
 from desim_uav.model.services import COMPUTING, NOWHERE, SHARING
@@ -30,11 +30,13 @@ from desim_uav.policies.planning.ground import ground_of
 from desim_uav.policies.planning.sight import look
 from desim_uav.policies.planning.team import Habits, TeamPlanner
 from desim_uav.policies.rollout import Rollout
+from desim_uav.rowcode.views import records
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.world import World, build_world
 from tests.engine.helpers import in_3d, path_of, strip
 from tests.selection import by_default
+from tests.verification.walked import velocities_of
 
 Cell = tuple[int, int]
 
@@ -228,9 +230,9 @@ def test_an_imagined_future_depends_on_the_past_only():
     legs, offsets = [], [0]
     for user in range(4):
         own = walks.legs[walks.offsets[user] : walks.offsets[user + 1]]
-        legs.append(own[own[:, 0] < now_us])
-        x, y = legs[-1][-1, 1:3] + legs[-1][-1, 3:] * (now_us - legs[-1][-1, 0]) / 1e6
-        legs.append(np.array([[now_us, x, y, 0.1, 0.2]]))
+        legs.append(own[own["begin_us"] < now_us])
+        x, y = walked(legs[-1][-1], now_us)
+        legs.append(records(WalkLeg, [now_us, x, y, 0.1, 0.2]))
         offsets.append(offsets[-1] + len(legs[-2]) + 1)
     rows = path.requests.rows.copy()
     firsts = path.requests.offsets[:-1]
@@ -260,8 +262,8 @@ def test_an_imagined_future_depends_on_the_past_only():
         assert np.array_equal(first.path.position_error, second.path.position_error)
     assert not np.array_equal(one.path.walks.legs, next_one.path.walks.legs)
     assert not np.array_equal(later.legs, one.path.walks.legs)
-    true = path.walks.legs[path.walks.legs[:, 0] < now_us]
-    kept = one.path.walks.legs[one.path.walks.legs[:, 0] < now_us]
+    true = path.walks.legs[path.walks.legs["begin_us"] < now_us]
+    kept = one.path.walks.legs[one.path.walks.legs["begin_us"] < now_us]
     assert np.array_equal(true, kept), "the past is the true one"
 
 
@@ -503,7 +505,7 @@ def test_an_imagined_future_continues_each_group_by_its_own_models():
         path = imagined(engine.save(), 0, 0).path
         futures.append((path.walks, path.requests, count))
     for walks, requests, count in futures:
-        assert (walks.legs[walks.offsets[count] :, 3:] == 0.0).all(), "meters stay"
+        assert not velocities_of(walks.legs[walks.offsets[count] :]).any(), "meters stay"
         assert requests.follows.tolist() == count * [True] + 4 * [False]
         meters = requests.rows[requests.offsets[count] :]
         assert (meters[:, 0] >= 2 * 60_000_000).all(), "arrivals are in the future"

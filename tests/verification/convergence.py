@@ -200,7 +200,7 @@ def inputs_of(
         assert way is not None
         return list(way.hops)
 
-    legs = np.array(path.walks.legs, float)
+    legs = np.array(path.walks.legs.tolist())
     legs[:, 0] /= US
     kinds, offered = kinds_of(mapping, world), mapping.get("services", {})
     requests = [

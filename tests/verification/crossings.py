@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, WalkLeg, look_around
 from desim_uav.model.geometry.crossings import crossings
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.rules import US
+from desim_uav.rowcode.views import records, zeros
 from tests.model.sampler import Flight, Pair, Walk, look
 from tests.verification.figure import Exact, Figure
 
@@ -21,12 +23,12 @@ FAST = BangCoastBang(timing="minimum_time").fastest_transit(240.0)
 
 def find(transit, route, span_us, users, *, fresh=False, radius=R, climb=0.0, room=1000):
     """The crossings as (t_us, user, enters); ``users``: a list of legs (t0, x, y, vx, vy) each."""
-    legs = np.array([leg for user in users for leg in user], float).reshape(-1, 5)
+    legs = records(WalkLeg, [leg for user in users for leg in user])
     offsets = np.cumsum([0, *map(len, users)])
-    out = np.full((room, 3), -7, np.int64)
+    out = zeros(Change, room)
     walking = Users(legs, offsets, np.zeros((SEEN_ROWS, len(users))))
     look_around(walking, *span_us)
-    leg = DroneLeg(transit.profile, tuple(map(float, route)), span_us, radius, fresh, climb)
+    leg = DroneLeg(transit.rows, tuple(map(float, route)), span_us, radius, fresh, climb)
     count = crossings(leg, walking, out)
     return [(int(t), int(u), bool(e)) for t, u, e in out[:count]]
 

@@ -19,15 +19,12 @@ from desim_uav.model.mobility.random_waypoint import RandomWaypoint
 from tests.verification.demand import DUE, US, ask
 from tests.verification.figure import Estimate, Figure
 from tests.verification.walked import (
-    T0,
-    VX,
-    VY,
-    X,
-    Y,
     legs_at,
     nth_legs,
     places_at,
     speeds_at,
+    starts_of,
+    velocities_of,
     walked,
 )
 
@@ -75,7 +72,7 @@ def of_random_waypoint(users: int) -> Iterator[Figure]:
             f"random waypoint: speed of who walks, m/s, {t:g} s", speeds[speeds > 0.0], 6.113219
         )
         resting = legs_at(walks, t)[speeds == 0.0]
-        rest_s = walks.legs[resting + 1, T0] / US - t
+        rest_s = walks.legs["begin_us"][resting + 1] / US - t
         squares = (high**3 - low**3) / (3.0 * (high - low))
         yield Estimate.of(
             f"random waypoint: rest of a pause, s, {t:g} s", rest_s, squares / (2.0 * rests_s)
@@ -96,7 +93,7 @@ def of_gauss_markov(users: int) -> Iterator[Figure]:
     model = GaussMarkov(10.0, 1.0, 30.0, alpha, 5.0, start="home")
     walks = walked(model, users, (1e6, 1e6), 100.0)
     legs = [walks.legs[legs_at(walks, 5.0 * k + 2.5)] for k in range(20)]
-    speeds = [np.hypot(leg[:, VX], leg[:, VY]) - 10.0 for leg in legs]
+    speeds = [np.hypot(leg["vx_mps"], leg["vy_mps"]) - 10.0 for leg in legs]
     for k in (0, 1, 19):
         yield Estimate.of(f"Gauss-Markov: speed in step {k}, m/s", speeds[k] + 10.0, 10.0)
         yield Estimate.of(f"Gauss-Markov: variance of the speed in step {k}", speeds[k] ** 2, 1.0)
@@ -105,7 +102,7 @@ def of_gauss_markov(users: int) -> Iterator[Figure]:
         yield Estimate.of(
             f"Gauss-Markov: autocorrelation of the speed, {k} steps", together, alpha**k
         )
-        one, other = (np.arctan2(leg[:, VY], leg[:, VX]) for leg in (legs[4], legs[4 + k]))
+        one, other = (np.arctan2(leg["vy_mps"], leg["vx_mps"]) for leg in (legs[4], legs[4 + k]))
         turned = math.exp(-(sigma**2) * (1.0 - alpha**k))
         yield Estimate.of(
             f"Gauss-Markov: cosine of the turn in {k} steps", np.cos(one - other), turned
@@ -120,7 +117,7 @@ def of_gauss_markov(users: int) -> Iterator[Figure]:
                 places[:, axis] ** 2,
                 1.0 / 3.0,
             )
-        velocities = small.legs[legs_at(small, t)][:, [VX, VY]]
+        velocities = velocities_of(small.legs[legs_at(small, t)])
         for axis in (0, 1):
             yield Estimate.of(
                 f"Gauss-Markov: velocity, axis {axis}, {t:g} s", velocities[:, axis], 0.0
@@ -133,12 +130,12 @@ def of_manhattan(users: int) -> Iterator[Figure]:
     for t in (0.0, 300.0, 2000.0):
         places, legs = places_at(walks, t), walks.legs[legs_at(walks, t)]
         at_edge = (places[:, 0] < 1e-6) | (places[:, 0] > 400.0 - 1e-6)
-        at_edge = np.where(legs[:, VX] == 0.0, at_edge, False)
+        at_edge = np.where(legs["vx_mps"] == 0.0, at_edge, False)
         below = (places[:, 1] < 1e-6) | (places[:, 1] > 300.0 - 1e-6)
-        at_edge |= np.where(legs[:, VY] == 0.0, below, False)
+        at_edge |= np.where(legs["vy_mps"] == 0.0, below, False)
         yield Estimate.of(f"Manhattan: share at the edge, {t:g} s", at_edge, 14.0 / 31.0)
         yield Estimate.of(f"Manhattan: speed, m/s, {t:g} s", speeds_at(walks, t), 6.113219)
-        yield Estimate.of(f"Manhattan: way along x, {t:g} s", np.sign(legs[:, VX]), 0.0)
+        yield Estimate.of(f"Manhattan: way along x, {t:g} s", np.sign(legs["vx_mps"]), 0.0)
 
 
 def of_groups(groups: int) -> Iterator[Figure]:
@@ -168,8 +165,8 @@ def of_levy(users: int) -> Iterator[Figure]:
     """Flights and pauses as drawn, and what is under way in the long run."""
     flights = Levy((5.0, 5e5), 1.5, (3e4, 3e4), 1.0, 200.0, start="home")
     legs, lasts_s = nth_legs(walked(flights, users, (1e6, 1e6), 3e4), 0)
-    inner = (np.abs(legs[:, [X, Y]] - 5e5) < 2e5).all(axis=1)  # whose flights meet no edge soon
-    lengths = np.hypot(legs[:, VX], legs[:, VY]) * lasts_s
+    inner = (np.abs(starts_of(legs) - 5e5) < 2e5).all(axis=1)  # whose flights meet no edge soon
+    lengths = np.hypot(legs["vx_mps"], legs["vy_mps"]) * lasts_s
     cut = np.log(np.minimum(lengths[inner], 2e5) / 5.0)
     yield Estimate.of("Lévy: Hill: 1 / tail exponent", cut, (1.0 - (2e5 / 5.0) ** -1.5) / 1.5)
     model = Levy((5.0, 300.0), 0.8, (3.0, 90.0), 1.2, 4.0)
@@ -183,7 +180,9 @@ def of_levy(users: int) -> Iterator[Figure]:
         )
         resting = legs_at(walks, t)[speeds == 0.0]
         yield Estimate.of(
-            f"Lévy: rest of a pause, s, {t:g} s", walks.legs[resting + 1, T0] / US - t, rest_s
+            f"Lévy: rest of a pause, s, {t:g} s",
+            walks.legs["begin_us"][resting + 1] / US - t,
+            rest_s,
         )
         for axis in (0, 1):
             yield Estimate.of(f"Lévy: place, axis {axis}, {t:g} s", places[:, axis], 0.5)
@@ -195,8 +194,8 @@ def of_levy(users: int) -> Iterator[Figure]:
     flies = speeds_at(walks, 0.0) > 0.0
     for user in np.flatnonzero(flies):
         own = walks.legs[walks.offsets[user] : walks.offsets[user + 1]]
-        ends = np.flatnonzero(own[:, VX] == 0.0)[0]
-        lengths[user] = 4.0 * own[ends, T0] / US
+        ends = np.flatnonzero(own["vx_mps"] == 0.0)[0]
+        lengths[user] = 4.0 * own["begin_us"][ends] / US
     theory = moment(5.0, 300.0, 0.8, 2) / (2.0 * moment(5.0, 300.0, 0.8, 1))
     yield Estimate.of("Lévy: rest of a flight, m, 0 s", lengths[flies], theory)
 

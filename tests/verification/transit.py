@@ -8,7 +8,7 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 
-from desim_uav.model.motion.motion import SPEED, START, BangCoastBang, Transit
+from desim_uav.model.motion.motion import BangCoastBang, Transit
 from tests.verification.figure import Exact, Figure
 
 FILL = BangCoastBang(8.3, 4.0, "fill_epoch")
@@ -17,12 +17,12 @@ FAST = BangCoastBang(8.3, 4.0, "minimum_time")
 
 def flight_s(transit: Transit) -> float:
     """How long it takes."""
-    return float(transit.profile[-1, START])
+    return float(transit.rows["start_s"][-1])
 
 
 def top_speed(transit: Transit) -> float:
     """The cruise speed, or the peak of a triangle."""
-    return float(transit.profile[:, SPEED].max())
+    return float(transit.rows["speed_mps"].max())
 
 
 def figures(quick: bool = False) -> Iterator[Figure]:
@@ -41,7 +41,7 @@ def figures(quick: bool = False) -> Iterator[Figure]:
         4e-16,
         True,
     )
-    yield Exact("240 m in 60 s: ramp, s", float(filled.profile[1, START]), 1.017246508, 5e-10)
+    yield Exact("240 m in 60 s: ramp, s", float(filled.rows["start_s"][1]), 1.017246508, 5e-10)
     yield Exact("20 m in 60 s: cruise, m/s", top_speed(climbed), 0.333798, 5e-7)
     rng = np.random.default_rng(1)
     limits = rng.uniform((0.01, 0.1, 0.05), (5000.0, 100.0, 50.0), (1000, 3)).tolist()

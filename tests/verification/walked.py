@@ -12,7 +12,6 @@ from desim_uav.model.mobility.walks import Area, Walks
 from desim_uav.model.random.streams import Purpose, Streams
 
 US = 1_000_000
-T0, X, Y, VX, VY = range(5)
 
 Floats = NDArray[np.float64]
 
@@ -27,26 +26,37 @@ def walked(model: Any, users: int, side_m: Sequence[float], last_s: float, seed:
 def legs_at(walks: Walks, t_s: float) -> NDArray[np.int64]:
     """The row of the leg that each user is on."""
     users = np.repeat(np.arange(len(walks.offsets) - 1), np.diff(walks.offsets))
-    begins = walks.legs[:, T0].astype(np.int64) + users * 10**14
+    begins = walks.legs["begin_us"].astype(np.int64) + users * 10**14
     ends = int(t_s * US) + np.arange(len(walks.offsets) - 1) * 10**14
     return np.searchsorted(begins, ends, side="right") - 1
+
+
+def starts_of(legs: Any) -> Floats:
+    """Where legs, or one of them, begin: x and y."""
+    return np.stack([legs["x_m"], legs["y_m"]], axis=-1)
+
+
+def velocities_of(legs: Any) -> Floats:
+    """The velocities on legs, or on one of them, along x and y."""
+    return np.stack([legs["vx_mps"], legs["vy_mps"]], axis=-1)
 
 
 def places_at(walks: Walks, t_s: float) -> Floats:
     """Where all users are: (users, 2)."""
     legs = walks.legs[legs_at(walks, t_s)]
-    since_s = t_s - legs[:, [T0]] / US
-    return legs[:, [X, Y]] + legs[:, [VX, VY]] * since_s
+    since_s = (t_s - legs["begin_us"] / US)[:, None]
+    return starts_of(legs) + velocities_of(legs) * since_s
 
 
 def speeds_at(walks: Walks, t_s: float) -> Floats:
     """How fast all users are."""
     legs = walks.legs[legs_at(walks, t_s)]
-    return np.hypot(legs[:, VX], legs[:, VY])
+    return np.hypot(legs["vx_mps"], legs["vy_mps"])
 
 
-def nth_legs(walks: Walks, n: int) -> tuple[Floats, Floats]:
+def nth_legs(walks: Walks, n: int) -> tuple[Any, Floats]:
     """The n-th leg of each user, and how long it lasts in seconds; each must have one more."""
     rows = walks.offsets[:-1] + n
     assert (rows + 1 < walks.offsets[1:]).all()
-    return walks.legs[rows], (walks.legs[rows + 1, T0] - walks.legs[rows, T0]) / US
+    begins = walks.legs["begin_us"]
+    return walks.legs[rows], (begins[rows + 1] - begins[rows]) / US

@@ -15,10 +15,8 @@ from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.scratch import use_scratch, words_at
 from desim_uav.model.decisions import discount_of
 from desim_uav.model.geometry.coverage import leg_at, walked
-from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.rowcode.compiled_rows import (
     address_of,
-    as_array,
     call,
     entries_at,
     pointer_to,
@@ -237,12 +235,12 @@ def fork_all(
     Each of them must have memory for a state of as many words. Tables in a state are found by their
     distances from it, so nothing but the block is copied.
     """
-    source = as_array(words_at(state, words), (words,))
+    source = words_at(state, words)
     for k in range(len(environments)):
         if which[k]:
             row = environments[k]
             row[0], row[1] = world, path
-            target = as_array(words_at(row[2], words), (words,))
+            target = words_at(row[2], words)
             for word in range(words):
                 target[word] = source[word]
 
@@ -297,13 +295,12 @@ def state_all(
         now_us = own.now_us
         use_scratch(own, scratch)
         know_walks(world, path, own, now_us, now_us)
-        rows, begins = path.legs, path.legs_at
+        legs, begins = path.legs, path.legs_at
         if path.stepwise:
-            rows, begins = own.look.walking.legs, own.look.walking.legs_at
-        legs = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS))
+            legs, begins = own.look.walking.legs, own.look.walking.legs_at
         for user in range(len(own.users)):
             leg = leg_at(legs, begins[user], begins[user + 1], now_us)
-            places[user, 0], places[user, 1] = walked(legs, leg, now_us)
+            places[user, 0], places[user, 1] = walked(legs[leg], now_us)
         write_state(world, own, places, out[k])
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.geometry.coverage import LEG, leg_near, walked
-from desim_uav.model.mobility.walks import LEG_COLUMNS
-from desim_uav.rowcode.compiled_rows import as_array
 from desim_uav.rowcode.kernels import apart, kernel, rare_rule, rule, stands_in_for
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
 from desim_uav.rules.coverage import on_crossing
@@ -95,23 +93,23 @@ def _find_users(world: Constants, path: Path, state: State) -> None:
         if look.walking.lost:
             state.faults |= LOST
             return
-        rows, begins = look.walking.legs, look.walking.legs_at
+        legs, begins = look.walking.legs, look.walking.legs_at
     else:
-        rows, begins = path.legs, path.legs_at
-    legs, seen = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)), state.sky.seen
+        legs, begins = path.legs, path.legs_at
+    seen = state.sky.seen
     for user in range(count):
         begin, stop = begins[user], begins[user + 1]
         if stop > begin:  # else there was no memory for the user's legs
             guess = stop - 1 if path.stepwise else begin + int(seen[LEG * count + user])
             leg = leg_near(legs, begin, stop, now_us, guess)
-            state.spots[user].x_m, state.spots[user].y_m = walked(legs, leg, now_us)
+            state.spots[user].x_m, state.spots[user].y_m = walked(legs[leg], now_us)
 
 
 @rule
 def _overrun(state: State) -> int:
     """Return whether a queue of the state had no memory left for an entry."""
     walking = state.look.walking
-    overrun = int(walking.count * LEG_COLUMNS > len(walking.legs)) | state.loose.overrun
+    overrun = int(walking.count > len(walking.legs)) | state.loose.overrun
     overrun |= state.sky.marks_lost
     overrun |= (
         state.unsettled.overrun

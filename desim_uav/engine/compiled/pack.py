@@ -33,13 +33,13 @@ from desim_uav.engine.constants import constants_of
 from desim_uav.engine.sky import Room, draw_curves, scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.mobility.walking import walking_of
-from desim_uav.model.mobility.walks import LEG_COLUMNS
 from desim_uav.model.rules import US
 from desim_uav.rowcode.components import compiled
 from desim_uav.rowcode.packing import locate, located, packed, packed_apart
 from desim_uav.rowcode.rows import Table, Words, blank, held_by
-from desim_uav.rowcode.views import View, array_of
+from desim_uav.rowcode.views import View, array_of, zeros
 from desim_uav.rules.due import crossing_slot, slots
 from desim_uav.rules.rows import Begun, BegunCourse, Constants, Drone, State
 from desim_uav.world import World
@@ -249,7 +249,7 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
         walking.horizon_us = world.horizon_us
         walker = held_by(walking.kinds["walkers"])
         walking.walkers, walking.legs_at = np.zeros((users, walker.words), int), _whole(users + 1)
-        walking.legs = np.zeros(LEG_COLUMNS * legs)
+        walking.legs = zeros(WalkLeg, legs)
     state.drones = Table()  # which are the first of the senders
     block, scratch_words = packed_apart(state)
     block[NEEDS] = scratch_words

@@ -14,7 +14,7 @@ from desim_uav.model.demand.requests import DRAWN, DUE_US, SERVICE, ManyRequests
 from desim_uav.model.mobility.walking import ManyRowWalks, RowWalks
 from desim_uav.model.mobility.walks import Walks
 from desim_uav.rowcode.kernels import kernel
-from desim_uav.rowcode.rows import Fitted, Table, Words, held_by, origin_of
+from desim_uav.rowcode.rows import Fitted, Table, Words, held_by, origin_of, size_of
 from desim_uav.rowcode.rows import place as place_of
 from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths
@@ -39,6 +39,8 @@ NOTHING = TableSection([], 0, 0)
 TABLES = [name for name, kind in Path.kinds.items() if origin_of(kind) is Table]
 HEADERS = [Path.byte_of[name] // 4 for name in TABLES]
 """The numbers of 32 bits of a Path with which its tables begin (``rowcode.rows.NEAR_WORDS``)."""
+WIDTHS = [size_of(held_by(Path.kinds[name])) // 8 for name in TABLES]
+"""How many numbers an entry of these tables has."""
 FITTED = [held_by(Path.kinds[name]) is Fitted for name in TABLES]
 """Whether the numbers of these tables may have 32 bits."""
 
@@ -51,10 +53,10 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     rows, sections = _rows_and_sections(paths)
     starts, halves = Path.words * np.arange(len(rows)), rows.view(np.int32)
     at, parts = rows.size, []
-    for header, section in zip(HEADERS, sections, strict=True):
+    for header, width, section in zip(HEADERS, WIDTHS, sections, strict=True):
         if section is not NOTHING:
             halves[:, header] = at + section.begins - starts
-            halves[:, header + 1] = section.counts
+            halves[:, header + 1] = section.counts // width
         for part in section.parts:
             parts.append(_as_words(part))
             at += part.size
@@ -81,7 +83,8 @@ def blocks_of(paths: SamplePaths) -> tuple[list[Words], NDArray[np.int64]]:
     block, at = np.zeros(ends[-1], np.int64), np.full(episodes, Path.words)
     of_32_bits = block.view(np.int32)
     for k, (header, section) in enumerate(zip(HEADERS, sections, strict=True)):
-        halves[:, header], halves[:, header + 1] = at, -1 - counts[k] if narrow[k] else counts[k]
+        rows_of = counts[k] // WIDTHS[k]
+        halves[:, header], halves[:, header + 1] = at, -1 - rows_of if narrow[k] else rows_of
         if section.parts:
             target, first = (of_32_bits, 2 * (starts + at)) if narrow[k] else (block, starts + at)
             _copy_parts(_joined(section), begins[k], counts[k], target, first)
@@ -175,7 +178,7 @@ def _walking(
     walks = [own.drawn() for own in walking]
     return (
         False,
-        _listed([own.legs for own in walks]),
+        _listed([own.legs.view(float) for own in walks]),
         _listed([own.offsets for own in walks]),
         NOTHING,
     )

@@ -10,7 +10,7 @@ import threading
 
 import numpy as np
 
-from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of
+from desim_uav.rowcode.compiled_rows import array_at, place_of
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.packing import headers_of
 from desim_uav.rowcode.rows import Words, place
@@ -25,7 +25,7 @@ NEEDS = (State.byte_of["sky"] + Sky.byte_of["scratch_words"]) // 8
 
 WORDS = State.words
 
-words_at = entries_at(int)
+words_at = array_at(int)
 
 
 class _OfThread(threading.local):
@@ -69,7 +69,7 @@ def use_scratch(state: State, scratch: int) -> None:
     thread. ``Sky.scratch_at`` is where scratch was then, relative to the state, so that nothing has
     to be done if it is still there.
     """
-    sky, words = state.sky, as_array(words_at(place_of(state), WORDS), (WORDS,))
+    sky, words = state.sky, words_at(place_of(state), WORDS)
     moved = scratch - place_of(state) - sky.scratch_at
     if moved != 0:
         for header in HEADERS:

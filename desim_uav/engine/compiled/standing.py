@@ -2,34 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.geometry.coverage import (
     SEEN_ROWS,
-    VX,
     DroneLeg,
     Users,
     look_around,
 )
-from desim_uav.model.geometry.relative import TIME_US, USER
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.motion.motion import Transit, cruise_of
-from desim_uav.model.radio.nested import CHANGE, changes_on
+from desim_uav.model.radio.nested import changes_on
 from desim_uav.model.rules import Action, kind_of, move_of
+from desim_uav.rowcode.views import zeros
 from desim_uav.rules.standing import COURSES
 from desim_uav.world import World
 
 Ints = NDArray[np.int64]
-CHANGE_COLUMNS = 3
 
 MOST_LOOKS = 2**22
 """The largest number of pairs of a leg and a user for which crossings are computed in advance."""
 
 
-def tabulate(world: World) -> tuple[Ints, Ints]:
+def tabulate(world: World) -> tuple[Ints, Any]:
     """Return the changes on all legs of a step: the first row of each leg, and the rows.
 
-    Rows are (time since the leg's start in µs, user, change), a leg's last one first. There are
+    Times are those since the leg's start, and a leg's last change is first. There are
     ``legs_in_table`` legs for each type of drones; those from cell (x, y) have the numbers from
     ``(x * ny + y) * 5`` on, in order of ``COURSES``. Both arrays are empty if users walk, if
     classes hold within other distances at other altitudes, or if there are more than MOST_LOOKS
@@ -43,11 +44,11 @@ def tabulate(world: World) -> tuple[Ints, Ints]:
         world.free
         or chooses
         or walks is None
-        or walks.legs[:, VX:].any()
+        or any(walks.legs[axis].any() for axis in ("vx_mps", "vy_mps"))
         or pairs > MOST_LOOKS
         or not one_level
     ):
-        return np.empty(0, np.int64), np.empty((0, CHANGE_COLUMNS), np.int64)
+        return np.empty(0, np.int64), zeros(Change, 0)
     looks = _Looks(world)
     tables = [rows for number in range(len(world.types)) for rows in looks.of_type(number)]
     return np.cumsum([0, *map(len, tables)]), np.concatenate(tables)
@@ -67,7 +68,7 @@ class _Looks:
         self.users = Users(*world.walks(world.seed, 0), np.zeros((SEEN_ROWS, users)))
         look_around(self.users, 0, world.step_us)
 
-    def of_type(self, number: int) -> list[NDArray[np.int64]]:
+    def of_type(self, number: int) -> list[Any]:
         """Return the crossings of all legs of a type of drones."""
         by_course = {
             move_of(action)[:2]: transit
@@ -87,10 +88,10 @@ class _Looks:
         course: tuple[int, int],
         transit: Transit | None,
         rings_m: NDArray[np.float64],
-    ) -> NDArray[np.int64]:
+    ) -> Any:
         """Return the crossings of one leg, the last one first; a hover has none."""
         if transit is None:
-            return np.empty((0, CHANGE_COLUMNS), np.int64)
+            return zeros(Change, 0)
         cell_x_m, cell_y_m = self.world.grid.cell_m
         route = (
             (cell[0] + 0.5) * cell_x_m,
@@ -98,6 +99,6 @@ class _Looks:
             (cell[0] + course[0] + 0.5) * cell_x_m,
             (cell[1] + course[1] + 0.5) * cell_y_m,
         )
-        leg = DroneLeg(transit.profile, route, (0, self.world.step_us), 0.0, fresh=False)
+        leg = DroneLeg(transit.rows, route, (0, self.world.step_us), 0.0, fresh=False)
         rows = changes_on(leg, self.users, rings_m, self.world.groups)
-        return rows[np.lexsort((rows[:, USER], rows[:, CHANGE] > 0, rows[:, TIME_US]))[::-1]]
+        return rows[np.lexsort((rows["user"], rows["change"] > 0, rows["t_us"]))[::-1]]

@@ -212,7 +212,7 @@ class Simulation(Engine):
             self._asks = requests, *(Table(part.reshape(-1).tolist()) for part in parts)
         _, row.due_us, row.services, row.drawn = self._asks
         row.asks_at = Table(requests.offsets.tolist())
-        row.legs = np.ascontiguousarray(walks.legs, float).reshape(-1).view(Numbers)
+        row.legs = walks.legs.view(Numbers)
         row.legs_at = np.ascontiguousarray(walks.offsets, np.int64).view(Numbers)
         row.link_key = np.ascontiguousarray(path.link_key).view(np.int64).view(Numbers)
         row.follows = Table(requests.follows.astype(int).tolist())

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.experiment.gallery.row import GalleryRow
-from desim_uav.model.geometry.coverage import T0_US, VX, VY, all_walked
+from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.mobility.random_waypoint import RandomWaypoint
 from desim_uav.model.mobility.walking import Start
 from desim_uav.model.mobility.walks import Area, Walks
@@ -96,9 +96,9 @@ def speeds_at(walks: Walks, t_s: float) -> Floats:
     """Return how fast each user is at a time."""
     legs, offsets = walks
     users = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    underway = legs[:, T0_US] <= t_s * US
+    underway = legs["begin_us"] <= t_s * US
     now = np.bincount(users[underway], minlength=len(offsets) - 1) + offsets[:-1] - 1
-    speeds_mps: Floats = np.hypot(legs[now, VX], legs[now, VY])
+    speeds_mps: Floats = np.hypot(legs["vx_mps"], legs["vy_mps"])[now]
     return speeds_mps
 
 
@@ -106,8 +106,8 @@ def lengths_of_ways() -> Floats:
     """Return the length of each user's second way, which is the first between random places."""
     legs, offsets = walked((1.0, 19.0), (0.0, 0.0), "home")
     second = offsets[:-1] + 1
-    lasts_s = (legs[second + 1, T0_US] - legs[second, T0_US]) / US
-    lengths_m: Floats = np.hypot(legs[second, VX], legs[second, VY]) * lasts_s
+    lasts_s = (legs["begin_us"][second + 1] - legs["begin_us"][second]) / US
+    lengths_m: Floats = np.hypot(legs["vx_mps"], legs["vy_mps"])[second] * lasts_s
     return lengths_m
 
 

@@ -13,13 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, START
+from desim_uav.model.motion.motion import PieceRow
 from desim_uav.rowcode.kernels import kernel, maker, part
-from desim_uav.rowcode.rows import Ints
-
-T0_US, X0, Y0, VX, VY = range(5)
-"""The columns of a table of user legs: a straight walk from (X0, Y0), in metres, with the velocity
-(VX, VY), in m/s, that begins at T0_US, in microseconds."""
+from desim_uav.rowcode.rows import Ints, Row, Table, row
 
 MARGIN_M = 1e-6
 """The distance in metres from a footprint's edge beyond which rounding makes no crossing."""
@@ -41,17 +37,31 @@ MOST_BUCKETS = 128
 """With more buckets than this along an axis, emptying them takes more time than they save."""
 
 
+@row
+class WalkLeg(Row):
+    """A straight walk of a user from a place, at a velocity, that begins at ``begin_us``.
+
+    All fields are floats, so that a table of five columns is a table of legs, too.
+    """
+
+    begin_us: float
+    x_m: float
+    y_m: float
+    vx_mps: float
+    vy_mps: float
+
+
 class DroneLeg(NamedTuple):
     """A leg of a drone that serves: a straight transit, then a hover until the leg ends.
 
-    ``profile`` (pieces, 4) is the transit (see ``model.motion.motion``), and ``route`` the x and y
+    ``profile`` has the pieces of the transit, and ``route`` the x and y
     of its start and of its destination, in metres. ``span_us`` holds the times at which the leg
     begins and ends, and ``radius_m`` is the radius of the footprint. If ``fresh``, the drone begins
     to serve, so that users who are inside at the start enter then. ``climb_m`` is how much higher
     the destination is than the start; compiled code must give it, because it knows no defaults.
     """
 
-    profile: NDArray[np.float64]
+    profile: Table[PieceRow]
     route: tuple[float, float, float, float]
     span_us: tuple[int, int]
     radius_m: float
@@ -62,11 +72,11 @@ class DroneLeg(NamedTuple):
 class Users(NamedTuple):
     """The walks of all users, and how they walk in a span.
 
-    ``legs`` has rows of T0_US X0 Y0 VX VY, of which those of user u are
-    ``offsets[u]:offsets[u + 1]``. ``seen`` (SEEN_ROWS, users) is what ``look_around`` writes.
+    The legs of user u are ``legs[offsets[u]:offsets[u + 1]]``. ``seen`` (SEEN_ROWS, users) is what
+    ``look_around`` writes.
     """
 
-    legs: NDArray[np.float64]
+    legs: Table[WalkLeg]
     offsets: Ints
     seen: NDArray[np.float64]
 
@@ -81,8 +91,8 @@ class Buckets(NamedTuple):
 
     shape: tuple[int, int]
     side_m: tuple[float, float]
-    heads: NDArray[np.int64]
-    following: NDArray[np.int64]
+    heads: Ints
+    following: Ints
 
 
 class Way(NamedTuple):
@@ -104,12 +114,12 @@ class Way(NamedTuple):
 
 
 @kernel
-def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int:
+def leg_at(legs: Table[WalkLeg], first: int, last: int, t_us: float) -> int:
     """Return the row of the last leg in ``first`` … ``last`` - 1 that has begun at ``t_us``."""
     low, high = first, last - 1
     while low < high:
         middle = (low + high + 1) // 2
-        if legs[middle, T0_US] <= t_us:
+        if legs[middle].begin_us <= t_us:
             low = middle
         else:
             high = middle - 1
@@ -117,13 +127,13 @@ def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int
 
 
 @part
-def leg_near(legs: NDArray[np.float64], first: int, last: int, t_us: float, guess: int) -> int:
+def leg_near(legs: Table[WalkLeg], first: int, last: int, t_us: float, guess: int) -> int:
     """Return the same row as ``leg_at``, which is searched for near a guess first."""
     leg = min(max(guess, first), last - 1)
     for _ in range(4):
-        if leg > first and legs[leg, T0_US] > t_us:
+        if leg > first and legs[leg].begin_us > t_us:
             leg -= 1
-        elif leg + 1 < last and legs[leg + 1, T0_US] <= t_us:
+        elif leg + 1 < last and legs[leg + 1].begin_us <= t_us:
             leg += 1
         else:
             return leg
@@ -131,21 +141,21 @@ def leg_near(legs: NDArray[np.float64], first: int, last: int, t_us: float, gues
 
 
 @kernel
-def walked(legs: NDArray[np.float64], leg: int, t_us: float) -> tuple[float, float]:
-    """Return the position at ``t_us`` of a user on the leg of row ``leg``: x and y in metres."""
-    t = (t_us - legs[leg, T0_US]) * 1e-6
-    return legs[leg, X0] + legs[leg, VX] * t, legs[leg, Y0] + legs[leg, VY] * t
+def walked(leg: WalkLeg, t_us: float) -> tuple[float, float]:
+    """Return the position at ``t_us`` of a user on a leg: x and y in metres."""
+    t = (t_us - leg.begin_us) * 1e-6
+    return leg.x_m + leg.vx_mps * t, leg.y_m + leg.vy_mps * t
 
 
 @maker
 def all_walked(
-    legs: NDArray[np.float64], offsets: NDArray[np.int64], t_us: float
+    legs: Table[WalkLeg], offsets: NDArray[np.int64], t_us: float
 ) -> NDArray[np.float64]:
     """Return the positions of all users at ``t_us``: (users, 2), in metres."""
     places = np.empty((len(offsets) - 1, 2))
     for user in range(len(offsets) - 1):
         leg = leg_at(legs, offsets[user], offsets[user + 1], t_us)
-        places[user] = walked(legs, leg, t_us)
+        places[user] = walked(legs[leg], t_us)
     return places
 
 
@@ -161,15 +171,15 @@ def look_around(users: Users, start_us: int, end_us: int) -> None:
         begin, stop = offsets[user], offsets[user + 1]
         first = leg_near(legs, begin, stop, start_us, begin + int(seen[LEG, user]))
         last = first
-        while last + 1 < stop and legs[last + 1, T0_US] < end_us:
+        while last + 1 < stop and legs[last + 1].begin_us < end_us:
             last += 1
-        x, y = walked(legs, first, start_us)
-        to_x, to_y = walked(legs, last, end_us)
+        x, y = walked(legs[first], start_us)
+        to_x, to_y = walked(legs[last], end_us)
         stray = 0.0
         for leg in range(first + 1, last + 1):
-            share = (legs[leg, T0_US] - start_us) / (end_us - start_us)
-            aside_x = legs[leg, X0] - x - (to_x - x) * share
-            aside_y = legs[leg, Y0] - y - (to_y - y) * share
+            share = (legs[leg].begin_us - start_us) / (end_us - start_us)
+            aside_x = legs[leg].x_m - x - (to_x - x) * share
+            aside_y = legs[leg].y_m - y - (to_y - y) * share
             stray = max(stray, abs(aside_x) + abs(aside_y))
         seen[LEG, user], seen[AT_X, user], seen[AT_Y, user] = first - begin, x, y
         seen[TO_X, user], seen[TO_Y, user], seen[STRAY, user] = to_x, to_y, stray
@@ -196,13 +206,13 @@ def ways_of(leg: DroneLeg) -> tuple[Way, Way]:
     profile, radius = leg.profile, leg.radius_m
     duration = (leg.span_us[1] - leg.span_us[0]) * 1e-6
     last = len(profile) - 1
-    arrival, length = profile[last, START], profile[last, DISTANCE]
+    arrival, length = profile[last].start_s, profile[last].from_m
     aside = bow = 0.0
     even = length / arrival if last > 0 else 0.0
     for k in range(last):
-        lasts = profile[k + 1, START] - profile[k, START]
-        aside = max(aside, abs(profile[k, DISTANCE] - even * profile[k, START]))
-        bow = max(bow, abs(profile[k, ACCELERATION]) * lasts * lasts / 8.0)
+        lasts = profile[k + 1].start_s - profile[k].start_s
+        aside = max(aside, abs(profile[k].from_m - even * profile[k].start_s))
+        bow = max(bow, abs(profile[k].acceleration_mps2) * lasts * lasts / 8.0)
     stray = aside + bow + MARGIN_M
     landed = min(arrival / duration, 1.0) if last > 0 else 1.0
     flight = Way(x0, y0, x1, y1, 0.0, landed, radius + stray, radius - stray)
@@ -224,10 +234,11 @@ def _way_of(leg: DroneLeg, phase: int) -> Way:
     """Return a phase of a drone's flight as a straight way at an even speed, for no radius."""
     x0, y0, x1, y1 = leg.route
     profile, last = leg.profile, len(leg.profile) - 1
-    duration, length = (leg.span_us[1] - leg.span_us[0]) * 1e-6, profile[last, DISTANCE]
-    begins, ends = profile[phase, START], profile[phase + 1, START]
-    one, other = profile[phase, DISTANCE] / length, profile[phase + 1, DISTANCE] / length
-    bow = abs(profile[phase, ACCELERATION]) * (ends - begins) * (ends - begins) / 8.0 + MARGIN_M
+    duration, length = (leg.span_us[1] - leg.span_us[0]) * 1e-6, profile[last].from_m
+    piece, after = profile[phase], profile[phase + 1]
+    begins, ends = piece.start_s, after.start_s
+    one, other = piece.from_m / length, after.from_m / length
+    bow = abs(piece.acceleration_mps2) * (ends - begins) * (ends - begins) / 8.0 + MARGIN_M
     return Way(
         x0 + one * (x1 - x0),
         y0 + one * (y1 - y0),
@@ -271,7 +282,8 @@ def sort_into_buckets(seen: NDArray[np.float64], buckets: Buckets) -> float:
     """Put users into buckets; return a bound in metres on their moves along an axis in the span."""
     shape, side, heads, following = buckets
     far = 0.0
-    heads[:] = -1
+    for k in range(len(heads)):
+        heads[k] = -1
     for user in range(len(following) - 1, -1, -1):
         x, y = seen[AT_X, user], seen[AT_Y, user]
         walk = max(abs(seen[TO_X, user] - x), abs(seen[TO_Y, user] - y))

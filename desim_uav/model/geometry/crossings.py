@@ -9,19 +9,16 @@ and a tangent is never an entry without an exit.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from desim_uav.model.geometry.coverage import (
     AT_X,
     AT_Y,
     LEG,
     MARGIN_M,
     NEAR,
-    T0_US,
     Buckets,
     DroneLeg,
     Users,
+    WalkLeg,
     bucket_of,
     comes_near,
     heading_of,
@@ -31,6 +28,7 @@ from desim_uav.model.geometry.coverage import (
 )
 from desim_uav.model.geometry.relative import (
     GRAZE_M,
+    Change,
     Relative,
     beyond,
     excess_at,
@@ -43,17 +41,17 @@ from desim_uav.model.geometry.relative import (
     turning_points,
     write,
 )
-from desim_uav.model.motion.motion import START
 from desim_uav.rowcode.kernels import kernel, part
+from desim_uav.rowcode.rows import Table
 
 
 @kernel
-def crossings(leg: DroneLeg, users: Users, out: NDArray[np.int64]) -> int:
+def crossings(leg: DroneLeg, users: Users, out: Table[Change]) -> int:
     """Write all entries and exits of one drone's leg, for all users, and return their number.
 
-    ``look_around`` must have written ``users.seen`` for the leg's span. Rows (time, user, enters)
-    are written into ``out`` (buffer, 3), user by user in order of time; rows that do not fit are
-    counted but not written. An entry and an exit in the same microsecond cancel.
+    ``look_around`` must have written ``users.seen`` for the leg's span. These
+    are written into ``out``, user by user in order of time; those that do not fit are counted but
+    not written. An entry and an exit in the same microsecond cancel.
     """
     seen, fresh = users.seen, leg.fresh
     flight, stay = ways_of(leg)
@@ -75,7 +73,7 @@ def crossings(leg: DroneLeg, users: Users, out: NDArray[np.int64]) -> int:
 
 @kernel
 def crossings_near(
-    leg: DroneLeg, users: Users, buckets: Buckets, far_m: float, out: NDArray[np.int64]
+    leg: DroneLeg, users: Users, buckets: Buckets, far_m: float, out: Table[Change]
 ) -> int:
     """Write the same crossings as ``crossings``, but examine only users in buckets near the leg.
 
@@ -104,7 +102,7 @@ def crossings_near(
 
 
 @part
-def cross(leg: DroneLeg, users: Users, user: int, out: NDArray[np.int64], total: int) -> int:
+def cross(leg: DroneLeg, users: Users, user: int, out: Table[Change], total: int) -> int:
     """Write the crossings of a user in order of time, and return the new total."""
     x, y = leg.route[0] - users.seen[AT_X, user], leg.route[1] - users.seen[AT_Y, user]
     inside = beyond(x, y, leg.radius_m) <= 0.0
@@ -122,7 +120,7 @@ def _roots(
     user: int,
     inside: bool,
     latest: int,
-    out: NDArray[np.int64],
+    out: Table[Change],
     total: int,
 ) -> int:
     """Write the crossings of a user who is ``inside`` at the start; return the new total.
@@ -137,16 +135,16 @@ def _roots(
     phase = 0
     at = 0.0
     while at < duration:
-        while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
+        while phase + 1 < len(profile) and profile[phase + 1].start_s <= at:
             phase += 1
-        while walk + 1 < stop and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
+        while walk + 1 < stop and (legs[walk + 1].begin_us - start_us) * 1e-6 <= at:
             walk += 1
         end = duration
         if phase + 1 < len(profile):
-            end = min(end, profile[phase + 1, START])
+            end = min(end, profile[phase + 1].start_s)
         if walk + 1 < stop:
-            end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        piece = relative_to(leg, heading, legs, phase, walk, at)
+            end = min(end, (legs[walk + 1].begin_us - start_us) * 1e-6)
+        piece = relative_to(leg, heading, legs[walk], phase, at)
         if _stays_away(piece, radius, end - at):
             at = end
             continue
@@ -158,9 +156,9 @@ def _roots(
                 after = points[k]
             if k == turning and end >= duration:
                 last = walk
-                if walk + 1 < stop and legs[walk + 1, T0_US] <= end_us:
+                if walk + 1 < stop and legs[walk + 1].begin_us <= end_us:
                     last = leg_near(legs, first, stop, end_us, walk)
-                now_inside = _is_inside(leg, legs, last)
+                now_inside = _is_inside(leg, legs[last])
             else:
                 excess = excess_at(piece, radius, after)
                 grazes = k < turning and abs(excess) <= 2.0 * GRAZE_M * radius
@@ -181,12 +179,12 @@ def _roots(
 
 
 @kernel
-def _is_inside(leg: DroneLeg, legs: NDArray[np.float64], walk: int) -> bool:
+def _is_inside(leg: DroneLeg, walk: WalkLeg) -> bool:
     """Return whether a user is in the closed disc around the drone at the end of its leg.
 
     The same test applies at both ends of every leg.
     """
-    x, y = walked(legs, walk, leg.span_us[1])
+    x, y = walked(walk, leg.span_us[1])
     return beyond(leg.route[2] - x, leg.route[3] - y, leg.radius_m) <= 0.0
 
 

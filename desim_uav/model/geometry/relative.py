@@ -10,19 +10,29 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from desim_uav.model.geometry.coverage import MARGIN_M, T0_US, VX, VY, X0, Y0, DroneLeg
-from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, SPEED, START
+from desim_uav.model.geometry.coverage import MARGIN_M, DroneLeg, WalkLeg
 from desim_uav.rowcode.kernels import kernel, part
+from desim_uav.rowcode.rows import Row, Table, row
 
 GRAZE_M = 1e-13
 """How close to the radius, in metres, an extremum of the distance touches it without a crossing."""
 
-TIME_US, USER, ENTERS = range(3)
-"""The columns of a table of crossings: time in µs, user, and 1 for an entry or 0 for an exit."""
-
 Points = tuple[float, float, float]
+
+
+@row
+class Change(Row):
+    """The change of a link between a sender and a user to another class.
+
+    ``change`` is the new class if the link rises to it, and minus the new class if it falls to it.
+    Class 0 is no link. With the paper's disc, which has one class, 1 is the entry of a user into
+    the footprint and 0 its exit.
+    """
+
+    t_us: int
+    user: int
+    change: int
 
 
 class Relative(NamedTuple):
@@ -40,28 +50,27 @@ class Relative(NamedTuple):
 def relative_to(
     leg: DroneLeg,
     heading: tuple[float, float],
-    legs: NDArray[np.float64],
+    walk: WalkLeg,
     phase: int,
-    walk: int,
     at: float,
 ) -> Relative:
     """Return a drone in a phase of its transit relative to a user on a walk, at a time.
 
     ``heading`` is that of the leg (``coverage.heading_of``).
     """
-    profile, (x0, y0, x1, y1), (ex, ey) = leg.profile, leg.route, heading
-    since = at - profile[phase, START]
-    acceleration = profile[phase, ACCELERATION]
-    speed = profile[phase, SPEED] + acceleration * since
-    along = profile[phase, DISTANCE] + 0.5 * (profile[phase, SPEED] + speed) * since
-    since_walk = at - (legs[walk, T0_US] - leg.span_us[0]) * 1e-6
-    if phase + 1 == len(profile):
+    piece, (x0, y0, x1, y1), (ex, ey) = leg.profile[phase], leg.route, heading
+    since = at - piece.start_s
+    acceleration = piece.acceleration_mps2
+    speed = piece.speed_mps + acceleration * since
+    along = piece.from_m + 0.5 * (piece.speed_mps + speed) * since
+    since_walk = at - (walk.begin_us - leg.span_us[0]) * 1e-6
+    if phase + 1 == len(leg.profile):
         px, py = x1, y1
     else:
         px, py = x0 + ex * along, y0 + ey * along
-    px -= legs[walk, X0] + legs[walk, VX] * since_walk
-    py -= legs[walk, Y0] + legs[walk, VY] * since_walk
-    wx, wy = ex * speed - legs[walk, VX], ey * speed - legs[walk, VY]
+    px -= walk.x_m + walk.vx_mps * since_walk
+    py -= walk.y_m + walk.vy_mps * since_walk
+    wx, wy = ex * speed - walk.vx_mps, ey * speed - walk.vy_mps
     return Relative(px, py, wx, wy, ex * acceleration, ey * acceleration)
 
 
@@ -268,10 +277,9 @@ def rounded_us(start_us: int, since_s: float) -> int:
 
 
 @kernel
-def write(out: NDArray[np.int64], total: int, t_us: int, user: int, enters: int) -> int:
-    """Write a row of a table of crossings if there is room, and return the new number of rows."""
+def write(out: Table[Change], total: int, t_us: int, user: int, change: int) -> int:
+    """Write a change if there is room for it, and return the new number of changes."""
     if total < len(out):
-        out[total, TIME_US] = t_us
-        out[total, USER] = user
-        out[total, ENTERS] = enters
+        one = out[total]
+        one.t_us, one.user, one.change = t_us, user, change
     return total + 1

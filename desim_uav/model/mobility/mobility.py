@@ -1,4 +1,4 @@
-"""Mobility: how users walk in each episode, as straight legs (t0, x0, y0, vx, vy) from home."""
+"""Mobility: how users walk in each episode, as straight legs from home."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from desim_uav.errors import SimulationError
-from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.mobility.walking import ManyRowWalks, RowMobility, RowWalks, go_on
-from desim_uav.model.mobility.walks import Area, Walks, off_map
+from desim_uav.model.mobility.walks import Area, Walks, in_rows, off_map
 from desim_uav.model.random.streams import Purpose, Seeds, Streams, heading, seed_of_each, states_of
 from desim_uav.model.rules import US
 from desim_uav.registry import register
 from desim_uav.rowcode.components import kind_of, works_on_rows
+from desim_uav.rowcode.views import zeros
 
 
 class Mobility(Protocol):
@@ -49,8 +50,8 @@ class Static:
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
     ) -> Walks:
         """Return one leg per user, at speed 0."""
-        legs = np.zeros((len(homes), 5))
-        legs[:, X0 : Y0 + 1] = homes
+        legs = zeros(WalkLeg, len(homes))
+        legs["x_m"], legs["y_m"] = homes.T
         return Walks(legs, np.arange(len(homes) + 1))
 
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
@@ -107,9 +108,13 @@ def walks_of(
         return ManyRowWalks(mobility, homes, states, area, horizon_us)
     own = zip(seed_of_each(seeds, episodes), episodes, strict=True)
     streams = [Streams(seed, Purpose.MOBILITY, episode, first) for seed, episode in own]
-    walking = [mobility.walks(homes, each, area, horizon_us) for each in streams]
-    for walks in walking:
-        problem = misshapen(walks, len(homes)) or leaves_the_map(walks, area, horizon_us)
+    walking = []
+    for each in streams:
+        walks = mobility.walks(homes, each, area, horizon_us)
+        problem = misshapen(walks, len(homes))
+        if not problem:
+            walking.append(in_rows(walks))
+            problem = leaves_the_map(walking[-1], area, horizon_us)
         if problem:
             raise SimulationError(f"users.mobility: {kind_of(mobility)!r}: {problem}")
     return walking
@@ -118,7 +123,8 @@ def walks_of(
 def misshapen(walks: Walks, users: int) -> str:
     """Return the problem if these are not legs of five columns, one at least for each user."""
     legs, offsets = (np.asarray(part) for part in walks)
-    if legs.ndim == 2 and legs.shape[1] == 5 and offsets.shape == (users + 1,):
+    columns = len(legs.dtype.names) if legs.dtype.names else legs.shape[-1]
+    if columns == 5 and offsets.shape == (users + 1,):
         bounds = offsets[0] == 0 and offsets[-1] == len(legs)
         if bounds and (np.diff(offsets) >= 1).all():
             return ""
@@ -128,13 +134,14 @@ def misshapen(walks: Walks, users: int) -> str:
 def leaves_the_map(walks: Walks, area: Area, horizon_us: int) -> str:
     """Return which user is off the map first, and when; an empty text if all walks stay on it."""
     legs, offsets = walks
-    begins = legs[:, T0_US]
+    begins = legs["begin_us"]
     ends = np.append(begins[1:], 0.0)
     ends[offsets[1:] - 1] = horizon_us  # the last leg of each user goes on
     seconds = np.maximum(np.minimum(ends, horizon_us) - begins, 0.0) / US
     exits = []
     for t_us, shift_s in ((begins, 0.0), (begins + seconds * US, seconds)):
-        x, y = legs[:, X0] + legs[:, VX] * shift_s, legs[:, Y0] + legs[:, VY] * shift_s
+        x = legs["x_m"] + legs["vx_mps"] * shift_s
+        y = legs["y_m"] + legs["vy_mps"] * shift_s
         off = np.flatnonzero(off_map(x, y, area) & (t_us <= horizon_us))
         if len(off):
             first = off[np.argmin(t_us[off])]

@@ -15,6 +15,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.geometry.extents import Extent, are_angles, extent_of, like_degrees
 from desim_uav.model.mobility.sumo import looks_like_xml, read_fcd
 from desim_uav.model.mobility.walks import Area, Walks, off_map
@@ -30,6 +31,7 @@ from desim_uav.model.traces import (
     version_of,
 )
 from desim_uav.registry import register
+from desim_uav.rowcode.views import records
 
 Shift = Annotated[float, Ge(-LARGEST), Le(LARGEST)]
 
@@ -211,7 +213,7 @@ class Trace:
                 legs.append((t0, x0, y0, (x1 - x0) / seconds, (y1 - y0) / seconds))
             legs.append((*points[-1], 0.0, 0.0))
             offsets.append(len(legs))
-        return Walks(np.array(legs, float), np.array(offsets))
+        return Walks(records(WalkLeg, legs), np.array(offsets))
 
     @property
     def _is_fcd(self) -> bool:

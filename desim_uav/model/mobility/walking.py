@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.mobility.walks import (
-    LEG_COLUMNS,
     NEAR_M,
     Area,
     Walker,
@@ -32,7 +32,7 @@ from desim_uav.model.naming import naming
 from desim_uav.model.random.streams import FAR_US, Stream, Streams
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.compiled_registers import held, put_back
-from desim_uav.rowcode.compiled_rows import as_array, entries_at, place_of, pointer_to
+from desim_uav.rowcode.compiled_rows import array_at, entries_at, place_of, pointer_to
 from desim_uav.rowcode.components import (
     Compiled,
     Function,
@@ -47,7 +47,7 @@ from desim_uav.rowcode.components import (
 from desim_uav.rowcode.kernels import part, rule
 from desim_uav.rowcode.packing import attach
 from desim_uav.rowcode.rows import BoundedTable, Row, Table, blank, bound, held_by, place, row
-from desim_uav.rowcode.views import View
+from desim_uav.rowcode.views import View, zeros
 
 Start = Literal["stationary", "home"]
 """Where users begin: anywhere, as they are in the long run, or at their homes."""
@@ -212,13 +212,13 @@ def _around(cls: Any, values_at: ValuesAt) -> Any:
     owner = owner_of(cls)
     walking_at = pointer_to(walking_of(cls), owner)
     floats_at, words_at = entries_at(float, owner), entries_at(int, owner)
+    all_at = array_at(int)
 
     def walk(values: int, at: int, homes: int, streams: int, start_us: int, end_us: int) -> None:
         walking = walking_at(at)
         if not walking.begun:
             users = len(walking.walkers)
-            memory = words_at(place_of(walking.walkers), users * words)
-            numbers = as_array(memory, (users * words,))  # which may alias all fields
+            numbers = all_at(place_of(walking.walkers), users * words)  # which may alias all fields
             for k in range(users * words):
                 numbers[k] = 0
             places, states = floats_at(homes, 2 * users), words_at(streams, 4 * users)
@@ -267,7 +267,7 @@ class RowWalks(Unchanging):
         most = int(self.mobility.expected_legs(users, self.area, self.horizon_us / 1e6)) + 8 * users
         offsets = np.zeros(users + 1, np.int64)
         while True:
-            legs = np.empty((most, LEG_COLUMNS))
+            legs = zeros(WalkLeg, most)
             walking = self._walk(legs, offsets)
             if walking.lost:
                 raise misstep(self.mobility, walking)
@@ -275,7 +275,7 @@ class RowWalks(Unchanging):
                 return Walks(legs[: walking.count], offsets)
             most = walking.count
 
-    def _walk(self, legs: NDArray[np.float64], offsets: NDArray[np.int64]) -> Any:
+    def _walk(self, legs: NDArray[Any], offsets: NDArray[np.int64]) -> Any:
         """Write the legs of the episode, and return the Walking."""
         model: Any = type(self.mobility)
         cls: Any = walking_of(model)
@@ -286,7 +286,7 @@ class RowWalks(Unchanging):
         walking.width_m, walking.depth_m = self.area
         walking.horizon_us = self.horizon_us
         if code is None:
-            walking.legs, walking.legs_at = legs.reshape(-1), offsets
+            walking.legs, walking.legs_at = legs, offsets
             walking.walkers = Table(blank(own) for _ in self.homes)
             mobility = over_rows(self.mobility, ())
             arrays, owner = (self.homes, self.states), owner_of(model)

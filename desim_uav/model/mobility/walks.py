@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import SimulationError
 from desim_uav.model.demand.requests import joined_offsets
-from desim_uav.model.geometry.coverage import T0_US, VX, VY, X0, Y0
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.random.streams import Stream, begin_stream
 from desim_uav.rowcode.components import (
     kind_of,
@@ -21,8 +21,7 @@ from desim_uav.rowcode.rows import (
     Table,
     row,
 )
-
-LEG_COLUMNS = 5
+from desim_uav.rowcode.views import records
 
 STRAY_M, NEAR_M = 1e-4, 1e-3
 """Tolerances in metres: how far rounding may put a user off the map, and how far a leg's end may be
@@ -37,18 +36,24 @@ class Area(NamedTuple):
 
 
 class Walks(NamedTuple):
-    """The walks of all users: rows of T0_US X0 Y0 VX VY, in microseconds, metres and m/s.
+    """The walks of all users: an array of the rows WalkLeg (see ``in_rows``).
 
-    The rows of user u are ``offsets[u]:offsets[u + 1]``. A user's first leg begins at time 0. Each
-    leg begins where and when the one before ends; the last one has no end.
+    Those of user u are ``offsets[u]:offsets[u + 1]``. A user's first leg begins at time 0. Each leg
+    begins where and when the one before ends; the last one has no end.
     """
 
-    legs: NDArray[np.float64]
+    legs: Any
     offsets: NDArray[np.int64]
 
     def drawn(self) -> Walks:
         """Return these walks, which need not be drawn (see ``RowWalks``)."""
         return self
+
+
+def in_rows(walks: Walks) -> Walks:
+    """Return walks of a model, which may have made a table of five columns, with legs as rows."""
+    named = walks.legs.dtype.names
+    return walks if named else Walks(records(WalkLeg, walks.legs), walks.offsets)
 
 
 def joined_walks(parts: Sequence[Walks]) -> Walks:
@@ -81,7 +86,7 @@ class Walker(Row):
 class Walking(Row):
     """All users' walks in an episode: the walkers, and their legs in the present span of time.
 
-    The legs (five numbers each) of user u are those from ``legs_at[u]`` to ``legs_at[u + 1]`` - 1.
+    The legs of user u are those from ``legs_at[u]`` to ``legs_at[u + 1]`` - 1.
     ``count`` is their number, which may exceed the memory for them. ``lost`` is the number of the
     user whose leg is invalid (see ``misstep``), plus 1; 0 if there is none.
     """
@@ -94,7 +99,7 @@ class Walking(Row):
     lost: int
     count: int
     walkers: Table[Walker]
-    legs: Table[float]
+    legs: Table[WalkLeg]
     legs_at: Table[int]
 
 
@@ -134,17 +139,17 @@ def walk_by(
         area = Area(walking.width_m, walking.depth_m)
         first_us = min(start_us + 1, walking.horizon_us)
         last_us = min(end_us + 1, walking.horizon_us)
-        legs, count, most = walking.legs, 0, len(walking.legs) // LEG_COLUMNS
+        legs, count, most = walking.legs, 0, len(walking.legs)
         walking.legs_at[0] = 0
         for user in range(len(walking.walkers)):
             walker = held(walking.walkers[user])
             while True:
                 if walker.t_us >= first_us:
                     if count < most:
-                        leg = LEG_COLUMNS * count
-                        legs[leg + T0_US] = float(walker.from_us)
-                        legs[leg + X0], legs[leg + Y0] = walker.from_x_m, walker.from_y_m
-                        legs[leg + VX], legs[leg + VY] = walker.vx_mps, walker.vy_mps
+                        leg = legs[count]
+                        leg.begin_us = float(walker.from_us)
+                        leg.x_m, leg.y_m = walker.from_x_m, walker.from_y_m
+                        leg.vx_mps, leg.vy_mps = walker.vx_mps, walker.vy_mps
                     count += 1
                     if walker.t_us >= last_us:
                         break

@@ -10,15 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from desim_uav.model.motion.limits import Limits, Wind, acceleration_along, speed_along
-from desim_uav.model.motion.motion import (
-    ACCELERATION,
-    TRAPEZOID,
-    fastest,
-    trapezoid,
-)
+from desim_uav.model.motion.motion import fastest
 from desim_uav.model.radio.tracks import Point
 from desim_uav.rowcode.kernels import kernel, part
 
@@ -27,9 +21,6 @@ SHORTEST_M = 1e-6
 
 Route = tuple[float, float, float, float, float, float]
 """The x, y and z of the start of a leg and of its destination, in metres."""
-
-Profile = NDArray[np.float64]
-"""A table of at least 4 rows for the profile of a leg (see ``model.motion.motion``)."""
 
 
 class FreeLeg(NamedTuple):
@@ -92,20 +83,6 @@ def speed_within(distance_m: float, acceleration_mps2: float, lasts_s: float) ->
     at = acceleration_mps2 * lasts_s
     root = np.sqrt(max(at * at - 4.0 * acceleration_mps2 * distance_m, 0.0))
     return float(2.0 * acceleration_mps2 * distance_m / (at + root))
-
-
-@kernel
-def write_profile(leg: FreeLeg, profile: Profile) -> int:
-    """Write the profile of a leg, and return the number of its rows: 4, or 1 for a hover."""
-    if leg.distance_m == 0.0:
-        for column in range(ACCELERATION + 1):
-            profile[0, column] = 0.0
-        return 1
-    pieces = trapezoid(leg.distance_m, leg.speed_mps, leg.acceleration_mps2, leg.duration_s)
-    for k in range(TRAPEZOID):
-        for column in range(ACCELERATION + 1):
-            profile[k, column] = pieces[k][column]
-    return TRAPEZOID
 
 
 @kernel

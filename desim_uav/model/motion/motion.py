@@ -18,13 +18,22 @@ from numpy.typing import NDArray
 from desim_uav.model.rules import MOST_CHOICES, US, Choice, Variant, ascend
 from desim_uav.registry import Checked, register
 from desim_uav.rowcode.kernels import kernel, rule
-from desim_uav.rowcode.rows import BoundedTable, Table
-
-START, DISTANCE, SPEED, ACCELERATION = range(4)
+from desim_uav.rowcode.rows import BoundedTable, Row, Table, row
+from desim_uav.rowcode.views import records
 
 
 class Piece(NamedTuple):
     """A piece of a transit of constant acceleration; ``start_s`` and ``from_m`` at its start."""
+
+    start_s: float
+    from_m: float
+    speed_mps: float
+    acceleration_mps2: float
+
+
+@row
+class PieceRow(Row):
+    """A piece of a transit, as a row."""
 
     start_s: float
     from_m: float
@@ -49,8 +58,13 @@ class Transit(NamedTuple):
 
     @property
     def pieces(self) -> Table[Piece]:
-        """The rows of the profile by name."""
+        """The pieces of the profile."""
         return BoundedTable(Piece(*row) for row in self.profile.tolist())
+
+    @property
+    def rows(self) -> Any:
+        """The pieces as an array of PieceRow."""
+        return records(PieceRow, self.profile)
 
 
 class Motion(Protocol):
@@ -373,7 +387,7 @@ class TransitLeg(NamedTuple):
         (x0, y0), (x1, y1), z0, z1 = self.from_m, self.to_m, self.from_z_m, self.to_z_m
         if self.transit.distance_m == 0.0:
             return x0, y0, z0
-        share = travelled(self.transit.profile, elapsed_s) / self.transit.distance_m
+        share = travelled(self.transit.rows, elapsed_s) / self.transit.distance_m
         return x0 + share * (x1 - x0), y0 + share * (y1 - y0), z0 + share * (z1 - z0)
 
 
@@ -382,12 +396,12 @@ REST = Transit(np.array([(0.0, 0.0, 0.0, 0.0)]), 0, 0.0)
 
 
 @kernel
-def travelled(profile: NDArray[np.float64], elapsed_s: float) -> float:
-    """Return the metres flown ``elapsed_s`` after the start of a profile."""
+def travelled(pieces: Table[PieceRow], elapsed_s: float) -> float:
+    """Return the metres flown ``elapsed_s`` after the start of a transit with these pieces."""
     phase = 0
-    while phase + 1 < len(profile) and profile[phase + 1, START] <= elapsed_s:
+    while phase + 1 < len(pieces) and pieces[phase + 1].start_s <= elapsed_s:
         phase += 1
-    t = elapsed_s - profile[phase, START]
-    half_acceleration = 0.5 * profile[phase, ACCELERATION]
-    speed = profile[phase, SPEED]
-    return float(profile[phase, DISTANCE] + speed * t + half_acceleration * t * t)
+    piece = pieces[phase]
+    t = elapsed_s - piece.start_s
+    half_acceleration = 0.5 * piece.acceleration_mps2
+    return float(piece.from_m + piece.speed_mps * t + half_acceleration * t * t)

@@ -18,10 +18,9 @@ from desim_uav.model.motion.legs import (
     direction,
     leg_between,
     speed_within,
-    write_profile,
 )
 from desim_uav.model.motion.limits import Limits, Wind, wind_along
-from desim_uav.model.motion.motion import REST, TRAPEZOID, BangCoastBang, Transit, cruise_of
+from desim_uav.model.motion.motion import REST, BangCoastBang, Transit, cruise_of, trapezoid
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import US
 
@@ -101,8 +100,9 @@ def flight_of(leg: FreeLeg, wind: Wind) -> Transit:
     """Return a free leg in wind as a transit."""
     if leg.distance_m == 0.0:
         return REST
-    profile = np.zeros((TRAPEZOID, 4))
-    write_profile(leg, profile)
+    profile = np.array(
+        trapezoid(leg.distance_m, leg.speed_mps, leg.acceleration_mps2, leg.duration_s)
+    )
     rises = (leg.route[5] - leg.route[2]) / leg.distance_m
     tail_mps, side_mps = wind_along(wind, direction(leg.route[:3], leg.route[3:])[0])
     return Transit(profile, leg.duration_us, leg.distance_m, rises, tail_mps, side_mps)

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from desim_uav.model.geometry.coverage import T0_US, leg_at, walked
-from desim_uav.model.geometry.coverage import VX as WALK_X
-from desim_uav.model.geometry.coverage import VY as WALK_Y
+from desim_uav.model.geometry.coverage import leg_at, walked
 from desim_uav.model.geometry.polynomial import Coefficients, sign_changes, square_of, value_at
 from desim_uav.model.geometry.relative import rounded_us
 from desim_uav.model.radio.links import (
@@ -157,9 +155,9 @@ def _follow(
         begins, marked = take_rows(air, t)
         if is_begun and t >= end and not marked and not exact and (quick or are_clear(air)):
             return True
-        turn = np.inf if leg + 1 == after else (legs[leg + 1, T0_US] - start_us) * 1e-6
-        x, y = walked(legs, leg, now_us)
-        relate(air, t, (x, y, users.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
+        turn = np.inf if leg + 1 == after else (legs[leg + 1].begin_us - start_us) * 1e-6
+        x, y = walked(legs[leg], now_us)
+        relate(air, t, (x, y, users.heights_m[user]), (legs[leg].vx_mps, legs[leg].vy_mps))
         if not quick:
             _begin_stretch(air, t, end, marked, is_begun, exact)
         is_begun = True
@@ -172,7 +170,7 @@ def _follow(
         if turn <= t:
             leg += 1
             if until != end:
-                now_us = legs[leg, T0_US]
+                now_us = legs[leg].begin_us
 
 
 @rule

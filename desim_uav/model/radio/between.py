@@ -21,19 +21,14 @@ from desim_uav.model.geometry.coverage import (
     LEG,
     MARGIN_M,
     NEAR,
-    T0_US,
-    VX,
-    VY,
-    X0,
-    Y0,
     DroneLeg,
     Users,
+    WalkLeg,
     Way,
     leg_near,
     walked,
 )
-from desim_uav.model.geometry.relative import beyond, rounded_us
-from desim_uav.model.motion.motion import ACCELERATION, DISTANCE, SPEED, START
+from desim_uav.model.geometry.relative import Change, beyond, rounded_us
 from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
 from desim_uav.model.radio.nested import bounds_of, sift, sifted
 from desim_uav.model.radio.passages import Passage, begin_passages, passed
@@ -106,7 +101,7 @@ def window_rows(slabs: int, longest: int) -> int:
 
 @kernel
 def class_changes_between(
-    leg: DroneLeg, climb: Climb, users: Users, groups: Ints, out: NDArray[np.int64]
+    leg: DroneLeg, climb: Climb, users: Users, groups: Ints, out: Table[Change]
 ) -> int:
     """Write all changes of class while a drone climbs or descends, and return their number.
 
@@ -132,13 +127,14 @@ def _begin_windows(leg: DroneLeg, climb: Climb) -> int:
     """Write the windows of a leg, and return their number."""
     profile, windows, slabs = leg.profile, climb.windows, climb.terms.shape[2]
     last, count = len(profile) - 1, 0
-    scale = slabs / profile[last, DISTANCE]
+    scale = slabs / profile[last].from_m
     for phase in range(last):
-        begins = profile[phase, START]
-        lasts, at = profile[phase + 1, START] - begins, 0.0
+        piece = profile[phase]
+        begins = piece.start_s
+        lasts, at = profile[phase + 1].start_s - begins, 0.0
         # The way so far in slabs, as a polynomial of the time since the phase began.
-        way = profile[phase, DISTANCE] * scale
-        speed, bend = profile[phase, SPEED] * scale, 0.5 * profile[phase, ACCELERATION] * scale
+        way = piece.from_m * scale
+        speed, bend = piece.speed_mps * scale, 0.5 * piece.acceleration_mps2 * scale
         slab_index = min(int(way + 1e-9), slabs - 1)
         while at < lasts:
             ahead = lasts
@@ -158,7 +154,7 @@ def _begin_windows(leg: DroneLeg, climb: Climb) -> int:
             if ahead == lasts:
                 break
     rest = windows[count]
-    rest.begin_s, rest.slab = profile[last, START], int(climb.upwards) * (slabs - 1)
+    rest.begin_s, rest.slab = profile[last].start_s, int(climb.upwards) * (slabs - 1)
     rest.place, rest.rise, rest.bend = 2.0 * climb.upwards - 1, 0.0, 0.0
     return count + 1
 
@@ -177,7 +173,7 @@ def _follow(
     users: Users,
     of: tuple[int, int],
     span: tuple[int, int, int],
-    out: NDArray[np.int64],
+    out: Table[Change],
     total: int,
 ) -> int:
     """Write the changes of a user in a group (``of``), and return the new number of rows.
@@ -200,19 +196,19 @@ def _follow(
     while at < duration:
         while window + 1 < count and windows[window + 1].begin_s <= at:
             window += 1
-        while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
+        while walk + 1 < end_walk and (legs[walk + 1].begin_us - start_us) * 1e-6 <= at:
             walk += 1
         end = duration
         if window + 1 < count:
             end = min(end, windows[window + 1].begin_s)
         if walk + 1 < end_walk:
-            end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        stretch = _stretch_of(leg, windows[window], legs, walk, at)
+            end = min(end, (legs[walk + 1].begin_us - start_us) * 1e-6)
+        stretch = _stretch_of(leg, windows[window], legs[walk], at)
         one = _pass(leg, climb, stretch, of, (first, stop), (at, end), one, out)
         at = end
     # The class at the end is that with which a leg on the level there begins.
     last = leg_near(legs, begin_walk, end_walk, end_us, walk)
-    x, y = walked(legs, last, end_us)
+    x, y = walked(legs[last], end_us)
     x, y = centre_x - x, centre_y - y
     link_class, after = one.now, climb.rings_m[1][group]
     while link_class < stop and beyond(x, y, after[link_class]) <= 0.0:
@@ -225,14 +221,12 @@ def _follow(
 
 
 @part
-def _stretch_of(
-    leg: DroneLeg, window: Window, legs: NDArray[np.float64], walk: int, at: float
-) -> Stretch:
+def _stretch_of(leg: DroneLeg, window: Window, walk: WalkLeg, at: float) -> Stretch:
     """Return the user's distance and the drone's place in a window, from a time on."""
-    vx, vy = legs[walk, VX], legs[walk, VY]
-    since_walk = at - (legs[walk, T0_US] - leg.span_us[0]) * 1e-6
-    x = leg.route[0] - legs[walk, X0] - vx * since_walk
-    y = leg.route[1] - legs[walk, Y0] - vy * since_walk
+    vx, vy = walk.vx_mps, walk.vy_mps
+    since_walk = at - (walk.begin_us - leg.span_us[0]) * 1e-6
+    x = leg.route[0] - walk.x_m - vx * since_walk
+    y = leg.route[1] - walk.y_m - vy * since_walk
     since, rise, bend = at - window.begin_s, window.rise, window.bend
     return Stretch(
         x * x + y * y,
@@ -254,7 +248,7 @@ def _pass(
     circles: tuple[int, int],
     times: tuple[float, float],
     one: Passage,
-    out: NDArray[np.int64],
+    out: Table[Change],
 ) -> Passage:
     """Write the changes of a user in a stretch, by shorter and shorter times where need be."""
     (user, group), (first, stop), (at, end) = of, circles, times

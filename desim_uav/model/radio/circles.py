@@ -17,15 +17,16 @@ from desim_uav.model.geometry.coverage import (
     START_NEAR,
     STOP_FAR,
     STOP_NEAR,
-    T0_US,
     DroneLeg,
     Users,
+    WalkLeg,
     heading_of,
     leg_near,
     walked,
 )
 from desim_uav.model.geometry.relative import (
     GRAZE_M,
+    Change,
     Relative,
     beyond,
     coast_of,
@@ -38,9 +39,10 @@ from desim_uav.model.geometry.relative import (
     rounded_us,
     turning_points,
 )
-from desim_uav.model.motion.motion import START
+from desim_uav.model.motion.motion import PieceRow
 from desim_uav.model.radio.passages import begin_passages, passed
 from desim_uav.rowcode.kernels import part
+from desim_uav.rowcode.rows import Table
 
 MOST_REST = 2
 """A profile with more rows than this has at least two phases before the rest."""
@@ -54,7 +56,7 @@ def cross_rings(
     radii: NDArray[np.float64],
     first: int,
     stop: int,
-    out: NDArray[np.int64],
+    out: Table[Change],
     total: int,
 ) -> int:
     """Write when a user passes into another ring, in order of time; return the new total.
@@ -74,17 +76,17 @@ def cross_rings(
     phase = 0
     at = 0.0
     while at < duration:
-        while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
+        while phase + 1 < len(profile) and profile[phase + 1].start_s <= at:
             phase += 1
         if _keeps_away(profile, phase, users, user, radii, circles, one.now):
             at = _until(profile, phase, duration)
             continue
-        while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
+        while walk + 1 < end_walk and (legs[walk + 1].begin_us - start_us) * 1e-6 <= at:
             walk += 1
         end = _until(profile, phase, duration)
         if walk + 1 < end_walk:
-            end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        piece = relative_to(leg, heading, legs, phase, walk, at)
+            end = min(end, (legs[walk + 1].begin_us - start_us) * 1e-6)
+        piece = relative_to(leg, heading, legs[walk], phase, at)
         if _stays(piece, end - at, radii, circles, one.now):
             at = end
             continue
@@ -117,28 +119,28 @@ def cross_rings(
 
 @part
 def _away_at_end(
-    leg: DroneLeg, legs: NDArray[np.float64], own: tuple[int, int], walk: int
+    leg: DroneLeg, legs: Table[WalkLeg], own: tuple[int, int], walk: int
 ) -> tuple[float, float]:
     """Return how far a drone is from a user at the end of its leg, along x and y.
 
     The user's walks are ``own``, of which ``walk`` is the one before the end.
     """
     last, end_us = walk, leg.span_us[1]
-    if walk + 1 < own[1] and legs[walk + 1, T0_US] <= end_us:
+    if walk + 1 < own[1] and legs[walk + 1].begin_us <= end_us:
         last = leg_near(legs, own[0], own[1], end_us, walk)
-    x, y = walked(legs, last, end_us)
+    x, y = walked(legs[last], end_us)
     return leg.route[2] - x, leg.route[3] - y
 
 
 @part
-def _until(profile: NDArray[np.float64], phase: int, end: float) -> float:
+def _until(profile: Table[PieceRow], phase: int, end: float) -> float:
     """Return when a phase of a profile ends, at most ``end``."""
-    return min(end, profile[phase + 1, START]) if phase + 1 < len(profile) else end
+    return min(end, profile[phase + 1].start_s) if phase + 1 < len(profile) else end
 
 
 @part
 def _keeps_away(
-    profile: NDArray[np.float64],
+    profile: Table[PieceRow],
     phase: int,
     users: Users,
     user: int,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.radio.levels import RateRow
 from desim_uav.model.radio.marks import Mark
 from desim_uav.model.radio.slopes import DB
@@ -32,20 +33,6 @@ ROUNDED_DB = 1e-6
 EQUAL_DB = 1e-10
 """Levels that differ by no more than this from a threshold for their difference are taken to differ
 by the threshold exactly: rounding alone makes levels of one place differ by about 1e-12 dB."""
-
-
-@row
-class Change(Row):
-    """The change of a link between a sender and a user to another class.
-
-    ``change`` is the new class if the link rises to it, and minus the new class if it falls to it.
-    Class 0 is no link. With the paper's disc, which has one class, 1 is the entry of a user into
-    the footprint and 0 its exit.
-    """
-
-    t_us: int
-    user: int
-    change: int
 
 
 @row

@@ -6,6 +6,8 @@ crosses a circle. Each circle is crossed as the footprint's edge is (``model.geo
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,16 +32,12 @@ from desim_uav.model.geometry.coverage import (
     ways_of_ends,
 )
 from desim_uav.model.geometry.crossings import crossings
-from desim_uav.model.geometry.relative import ENTERS
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.radio.circles import MOST_REST, cross_rings
 from desim_uav.rowcode.compiled_registers import either
 from desim_uav.rowcode.kernels import kernel, part
-from desim_uav.rowcode.rows import Ints
-
-CHANGE = ENTERS
-"""The third column of a table of changes: the class to which a link rises, or minus the class to
-which it falls (0 for no link)."""
-
+from desim_uav.rowcode.rows import Ints, Table
+from desim_uav.rowcode.views import zeros
 
 CIRCLES = 256
 """There are fewer circles around a drone than this."""
@@ -51,7 +49,7 @@ def class_changes(
     users: Users,
     radii_m: NDArray[np.float64],
     groups: Ints,
-    out: NDArray[np.int64],
+    out: Table[Change],
 ) -> int:
     """Write all changes of class in one drone's leg, for all users, and return their number.
 
@@ -60,10 +58,10 @@ def class_changes(
     negative radius holds nowhere. ``leg.radius_m`` is not used. ``look_around`` must have written
     ``users.seen`` for the leg's span.
 
-    Rows (time, user, change) go into ``out``, user by user in order of time; for ``change`` see
-    CHANGE. Several circles that are crossed in one microsecond are one change to the class
-    thereafter, or none if that is the class before. So the order of circles in an instant does not
-    matter, and each user has at most one row an instant: a fall or a rise. With one class, the rows
+    Changes go into ``out``, user by user in order of time. Several circles that are crossed in one
+    microsecond are one change to the class thereafter, or none if that is the class before. So the
+    order of circles in an instant does not matter, and each user has at most one row an instant: a
+    fall or a rise. With one class, the rows
     are those of ``crossings``. If ``out`` is too short, the number is larger than its length, and
     with that many rows it is long enough.
     """
@@ -91,12 +89,12 @@ def class_changes(
 
 def changes_on(
     leg: DroneLeg, users: Users, radii_m: NDArray[np.float64], groups: NDArray[np.int64]
-) -> NDArray[np.int64]:
+) -> Any:
     """Return the rows of ``class_changes``, which are those of ``crossings`` for one circle."""
     room = 2 * len(groups) * radii_m.shape[1] + 16
     alone = radii_m.size == 1 and radii_m[0, 0] >= 0.0
     while True:
-        out = np.empty((room, 3), np.int64)
+        out = zeros(Change, room)
         if alone:
             count = crossings(leg._replace(radius_m=float(radii_m[0, 0])), users, out)
         else:

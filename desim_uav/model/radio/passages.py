@@ -1,7 +1,7 @@
 """What has been noted of a user who passes from one ring around a drone to another.
 
-Rows are (time, user, change): the change is the number of circles around the user if it rises, and
-minus this number if it falls. Passages in the same microsecond are one change, or cancel.
+A change is the number of circles around the user if it rises, and minus this number if it falls.
+Passages in the same microsecond are one change, or cancel.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.geometry.relative import beyond, write
+from desim_uav.model.geometry.relative import Change, beyond, write
 from desim_uav.rowcode.kernels import part
+from desim_uav.rowcode.rows import Table
 
 
 class Passage(NamedTuple):
@@ -36,7 +37,7 @@ def begin_passages(
     radii: NDArray[np.float64],
     circles: tuple[int, int],
     begin: tuple[int, bool],
-    out: NDArray[np.int64],
+    out: Table[Change],
     total: int,
 ) -> Passage:
     """Return in which ring a user is at the start of a leg, at a time.
@@ -56,7 +57,7 @@ def begin_passages(
 
 
 @part
-def passed(one: Passage, now: int, t_us: int, user: int, out: NDArray[np.int64]) -> Passage:
+def passed(one: Passage, now: int, t_us: int, user: int, out: Table[Change]) -> Passage:
     """Note that there are another number of circles around a user from a time on."""
     held, latest, noted = one.held, one.latest, one.noted
     if t_us > latest:

@@ -16,9 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from desim_uav.model.geometry.coverage import MARGIN_M, T0_US, leg_at, walked
-from desim_uav.model.geometry.coverage import VX as WALK_X
-from desim_uav.model.geometry.coverage import VY as WALK_Y
+from desim_uav.model.geometry.coverage import MARGIN_M, leg_at, walked
 from desim_uav.model.radio.bounds import bound_rates
 from desim_uav.model.radio.links import (
     OTHER,
@@ -50,8 +48,8 @@ def look_from(air: Air, users: Walkers, span_us: tuple[int, int], user: int) -> 
     """Relate links to a user at the start of a span, and bound their distances in the span."""
     take_first_rows(air, len(users.heights_m), user)
     walk = _walk_of(users, user, span_us)
-    x, y = walked(users.legs, walk.leg, float(span_us[0]))
-    velocity = (users.legs[walk.leg, WALK_X], users.legs[walk.leg, WALK_Y])
+    x, y = walked(users.legs[walk.leg], float(span_us[0]))
+    velocity = (users.legs[walk.leg].vx_mps, users.legs[walk.leg].vy_mps)
     relate(air, 0.0, (x, y, users.heights_m[user]), velocity)
     for k in range(air.used):
         _bound_distance(air, air.links[k], walk)
@@ -63,18 +61,18 @@ def _walk_of(users: Walkers, user: int, span_us: tuple[int, int]) -> Walk:
     legs, after = users.legs, users.legs_at[user + 1]
     first = leg_at(legs, users.legs_at[user], after, span_us[0])
     last = first
-    while last + 1 < after and legs[last + 1, T0_US] < span_us[1]:
+    while last + 1 < after and legs[last + 1].begin_us < span_us[1]:
         last += 1
-    x, y = walked(legs, first, float(span_us[0]))
-    to_x, to_y = walked(legs, last, float(span_us[1]))
+    x, y = walked(legs[first], float(span_us[0]))
+    to_x, to_y = walked(legs[last], float(span_us[1]))
     x, y = 0.5 * (x + to_x), 0.5 * (y + to_y)
     far, square, from_us = 0.0, 0.0, float(span_us[0])
     for leg in range(first, last + 1):
-        until_us = float(span_us[1]) if leg == last else legs[leg + 1, T0_US]
-        vx, vy = legs[leg, WALK_X], legs[leg, WALK_Y]
+        until_us = float(span_us[1]) if leg == last else legs[leg + 1].begin_us
+        vx, vy = legs[leg].vx_mps, legs[leg].vy_mps
         far += np.sqrt(vx * vx + vy * vy) * (until_us - from_us) * 1e-6
         for t_us in (from_us, until_us):
-            at_x, at_y = walked(legs, leg, t_us)
+            at_x, at_y = walked(legs[leg], t_us)
             square = max(square, (at_x - x) * (at_x - x) + (at_y - y) * (at_y - y))
         from_us = until_us
     return Walk(first, far, x, y, np.sqrt(square) + MARGIN_M)

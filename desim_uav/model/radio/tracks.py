@@ -10,9 +10,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from desim_uav.model.geometry.coverage import T0_US, VX, VY, leg_at, walked
+from desim_uav.model.geometry.coverage import WalkLeg, leg_at, walked
 from desim_uav.rowcode.kernels import kernel, part
 from desim_uav.rowcode.rows import Floats, Ints, Row, Table, row
 
@@ -52,7 +51,7 @@ class Turn(Row):
 class Walkers(NamedTuple):
     """The walks of all users (see ``coverage.Users``), and their heights (users,) in metres."""
 
-    legs: NDArray[np.float64]
+    legs: Table[WalkLeg]
     legs_at: Ints
     heights_m: Floats
 
@@ -128,7 +127,7 @@ def fly(flight: Flight, span_us: tuple[int, int], tracks: Table[TrackRow], first
 
 @kernel
 def walk(
-    legs: NDArray[np.float64],
+    legs: Table[WalkLeg],
     own: Rows,
     height_m: float,
     span_us: tuple[int, int],
@@ -143,17 +142,18 @@ def walk(
     start_us, end_us = span_us
     still = (0.0, 0.0, 0.0)
     leg = leg_at(legs, own[0], own[1], start_us)
-    x, y = walked(legs, leg, start_us)
-    row = _put(tracks, first, 0.0, (x, y, height_m), (legs[leg, VX], legs[leg, VY], 0.0), still)
+    x, y = walked(legs[leg], start_us)
+    speed = (legs[leg].vx_mps, legs[leg].vy_mps, 0.0)
+    row = _put(tracks, first, 0.0, (x, y, height_m), speed, still)
     leg += 1
-    while leg < own[1] and legs[leg, T0_US] < end_us:
-        begin = (legs[leg, T0_US] - start_us) * 1e-6
-        x, y = walked(legs, leg, legs[leg, T0_US])
-        speed = (legs[leg, VX], legs[leg, VY], 0.0)
+    while leg < own[1] and legs[leg].begin_us < end_us:
+        one = legs[leg]
+        x, y = walked(one, one.begin_us)
+        begin, speed = (one.begin_us - start_us) * 1e-6, (one.vx_mps, one.vy_mps, 0.0)
         row = _put(tracks, row, begin, (x, y, height_m), speed, still)
         leg += 1
     if end_us > start_us:
-        x, y = walked(legs, leg_at(legs, own[0], own[1], end_us), end_us)
+        x, y = walked(legs[leg_at(legs, own[0], own[1], end_us)], end_us)
         row = _put(tracks, row, (end_us - start_us) * 1e-6, (x, y, height_m), still, still)
     return row
 

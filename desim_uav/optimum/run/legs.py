@@ -19,11 +19,13 @@ from desim_uav.errors import UsageError
 from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
 from desim_uav.model.geometry.crossings import crossings
 from desim_uav.model.geometry.grid import Grid
-from desim_uav.model.geometry.relative import ENTERS, TIME_US, USER
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.mobility.walks import Walks
-from desim_uav.model.motion.motion import REST
+from desim_uav.model.motion.motion import REST, PieceRow
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.rowcode.kernels import maker
+from desim_uav.rowcode.rows import Table
+from desim_uav.rowcode.views import zeros
 from desim_uav.world import World
 
 HEADINGS = (Action.HOVER, Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT)
@@ -94,11 +96,11 @@ def shares_of(
         )
     centres = np.array([world.grid.centre(ix, iy) for ix in range(nx) for iy in range(ny)])
     profiles = tuple(
-        kind.epoch_transits[heading].profile if heading in kind.epoch_transits else REST.profile
+        kind.epoch_transits[heading].rows if heading in kind.epoch_transits else REST.rows
         for heading in HEADINGS
     )
     radius_m, dense = kind.drones.footprint_radius_m, np.zeros((*ahead.shape, users))
-    buffer, sizes, total = np.empty((8 * users + 8, 3), np.int64), [np.zeros(1, np.int64)], 0
+    buffer, sizes, total = zeros(Change, 8 * users + 8), [np.zeros(1, np.int64)], 0
     numbers: list[NDArray[np.int32]] = []
     shares: list[NDArray[np.float64]] = []
     for walks in episodes:
@@ -108,7 +110,7 @@ def shares_of(
             while (
                 most := _cover(walkers, profiles, centres, ahead, span, radius_m, buffer, dense)
             ) > len(buffer):
-                buffer = np.empty((most, 3), np.int64)
+                buffer = zeros(Change, most)
             _, _, covered = np.nonzero(dense)
             total += len(covered)
             if total > MOST_SHARES:
@@ -127,12 +129,12 @@ def shares_of(
 @maker
 def _cover(
     walkers: Users,
-    profiles: tuple[NDArray[np.float64], ...],
+    profiles: tuple[Table[PieceRow], ...],
     centres: NDArray[np.float64],
     ahead: NDArray[np.int64],
     span: tuple[int, int],
     radius_m: float,
-    buffer: NDArray[np.int64],
+    buffer: Table[Change],
     shares: NDArray[np.float64],
 ) -> int:
     """Write the share (cells, 5, users) for which each leg covers each user in a span.
@@ -155,9 +157,9 @@ def _cover(
             if count > len(buffer):
                 continue
             for row in range(count):
-                t_us, user = buffer[row, TIME_US], buffer[row, USER]
-                left = (end_us - t_us) / (end_us - begin_us)
-                shares[cell, k, user] += left if buffer[row, ENTERS] else -left
+                one = buffer[row]
+                left = (end_us - one.t_us) / (end_us - begin_us)
+                shares[cell, k, one.user] += left if one.change else -left
             for user in range(shares.shape[2]):
                 shares[cell, k, user] = max(0.0, shares[cell, k, user])
     return most

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.saved import Rows, SavedState
 from desim_uav.model.demand.asking import from_now
 from desim_uav.model.demand.requests import DRAWN, DUE_US, Requests, joined_requests
-from desim_uav.model.geometry.coverage import T0_US, all_walked
+from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.mobility.walking import RowWalks
 from desim_uav.model.mobility.walks import Walks, joined_walks
 from desim_uav.model.radio.draws import imagined_links
@@ -70,7 +70,7 @@ class _Draws:
     def walks(self, path: SamplePath, now_us: int) -> Walks | RowWalks:
         """Return walks that are the true ones until now, and then new ones from where users are."""
         groups, true = self.world.user_groups, path.walks
-        moves = bool((true.legs[:, 3:] != 0.0).any())
+        moves = true.legs["vx_mps"].any() or true.legs["vy_mps"].any()
         if not moves and self.world.fixed_walks is not None:
             return path.walking  # nobody walks
         at_m, streams = all_walked(*true, now_us), self._streams(WALKS)
@@ -124,16 +124,16 @@ class _Draws:
 
 def _joined(true: Walks, new: Walks, now_us: int) -> Walks:
     """Return the true legs that begin before now and then the new ones, which begin now."""
-    underway = true.legs[:, T0_US] < now_us
+    underway = true.legs["begin_us"] < now_us
     users = np.repeat(np.arange(len(true.offsets) - 1), np.diff(true.offsets))[underway]
     after = np.repeat(np.arange(len(new.offsets) - 1), np.diff(new.offsets))
     later = new.legs.copy()
-    later[:, T0_US] += now_us
+    later["begin_us"] += now_us
     owners = np.concatenate([users, after])
     order = np.argsort(owners, kind="stable")
     legs = np.concatenate([true.legs[underway], later])[order]
     counts = np.bincount(owners, minlength=len(true.offsets) - 1)
-    return Walks(np.ascontiguousarray(legs), np.concatenate([[0], np.cumsum(counts)]))
+    return Walks(legs, np.concatenate([[0], np.cumsum(counts)]))
 
 
 def _without_first(requests: Requests) -> Requests:

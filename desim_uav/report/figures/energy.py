@@ -196,7 +196,7 @@ def _flights(own: DroneType) -> list[Transit]:
 
 def air_mps(flight: Transit) -> float:
     """Return the speed through the air of a level flight that cruises."""
-    return math.hypot(float(flight.profile[:, 2].max()) - flight.tail_mps, flight.side_mps)
+    return math.hypot(float(flight.rows["speed_mps"].max()) - flight.tail_mps, flight.side_mps)
 
 
 def legs_j(own: DroneType) -> dict[str, float]:

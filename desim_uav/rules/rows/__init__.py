@@ -7,6 +7,7 @@ those of user u are ``due_us[asks_at[u]:asks_at[u + 1]]``; ``legs_at`` and ``kno
 
 from __future__ import annotations
 
+from desim_uav.model.motion.motion import PieceRow
 from desim_uav.rules.rows.constants import (
     Constants,
     PointRow,
@@ -58,4 +59,4 @@ from desim_uav.rules.rows.users import (
     UserLinks,
     Wide,
 )
-from desim_uav.sky.rows import Change, PieceRow, TransitRow
+from desim_uav.sky.rows import Change, TransitRow

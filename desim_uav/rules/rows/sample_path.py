@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.rowcode.rows import Fitted, Row, Table, row
 
 
@@ -11,7 +12,7 @@ class Path(Row):
 
     Requests to come are ordered by user: ``due_us`` is the time of each, or a think time (see
     ``demand.Requests``), ``services`` is its service, and of the values that are ``drawn`` it has
-    ``Constants.draws``; so are ``legs`` (five numbers each). If users walk ``stepwise``, the
+    ``Constants.draws``. The users' ``legs`` are in order, too. If users walk ``stepwise``, the
     compiled engine has the initial states of their random streams (four words each) instead of
     legs. ``respawns`` holds ``respawns_drawn`` stations per drone, and ``errors`` the position
     errors in x and y, in cells, per drone and decision epoch, or nothing without noise.
@@ -26,7 +27,7 @@ class Path(Row):
     services: Table[Fitted]
     drawn: Table[Fitted]
     asks_at: Table[Fitted]
-    legs: Table[float]
+    legs: Table[WalkLeg]
     legs_at: Table[int]
     streams: Table[int]
     respawns: Table[Fitted]

@@ -113,7 +113,7 @@ class TestEnergy:
 
     def test_it_rises_across_the_borders_of_pieces(self):
         for flight in FLIGHTS[1:]:
-            for start in flight.profile[:, 0]:
+            for start in flight.rows["start_s"]:
                 around = range(max(0, round(start * 1e6) - 20), round(start * 1e6) + 20)
                 used = [ZENG.drains(flight, us) for us in around]
                 assert used == sorted(used)

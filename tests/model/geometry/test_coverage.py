@@ -13,6 +13,7 @@ from desim_uav.model.geometry.coverage import (
     Buckets,
     DroneLeg,
     Users,
+    WalkLeg,
     bucket_grid,
     leg_at,
     look_around,
@@ -20,10 +21,12 @@ from desim_uav.model.geometry.coverage import (
     walked,
 )
 from desim_uav.model.geometry.crossings import crossings, crossings_near
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.mobility.mobility import Area, RandomWalk
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import US
+from desim_uav.rowcode.views import records, zeros
 from tests.selection import by_default
 from tests.verification.crossings import FAST, FILL, R, at, find, fly, hover, stated, survey
 from tests.verification.figure import check
@@ -48,7 +51,7 @@ class TestWorkedByHand:
         ((left_us, _, _),) = fly(transit, [at(x - R, 0)])
         ((came_us, _, enters),) = fly(transit, [at(240 - x + R, 0)])
         assert enters
-        assert came_us + left_us == pytest.approx(transit.profile[-1, 0] * 1e6, abs=1)
+        assert came_us + left_us == pytest.approx(transit.rows["start_s"][-1] * 1e6, abs=1)
 
     @pytest.mark.parametrize("heading", [(1, 0), (-1, 0), (0, 1), (0, -1)])
     def test_all_four_directions_are_alike(self, heading):
@@ -193,20 +196,20 @@ def test_what_does_not_fit_is_counted_and_not_written():
     users = [at(-1000, 300, 1.5)] * 3
     whole = hover((0, 2000 * US), users)
     assert len(whole) == 6
-    legs = np.array([leg for user in users for leg in user], float)
+    legs = records(WalkLeg, [leg for user in users for leg in user])
     walking, span = Users(legs, np.arange(4), np.zeros((SEEN_ROWS, 3))), (0, 2000 * US)
     look_around(walking, *span)
     for room in range(7):
-        out = np.full((room + 2, 3), -7, np.int64)
-        leg = DroneLeg(REST.profile, (0.0, 0.0, 0.0, 0.0), span, R, False)
+        out = records(Change, np.full((room + 2, 3), -7))
+        leg = DroneLeg(REST.rows, (0.0, 0.0, 0.0, 0.0), span, R, False)
         assert crossings(leg, walking, out[:room]) == 6
-        assert out[:room].tolist() == [list(row) for row in whole[:room]]
-        assert (out[room:] == -7).all()
+        assert out[:room].tolist() == whole[:room]
+        assert set(out[room:].tolist()) == {(-7, -7, -7)}
 
 
 class TestLegs:
-    LEGS = np.array(
-        [(0, 1, 2, 0, 0), (5, 3, 4, 1e6, 0), (0, 7, 7, 0, 0), (9, 8, 8, 0, -2e6)], float
+    LEGS = records(
+        WalkLeg, [(0, 1, 2, 0, 0), (5, 3, 4, 1e6, 0), (0, 7, 7, 0, 0), (9, 8, 8, 0, -2e6)]
     )
 
     @pytest.mark.parametrize(("t_us", "leg"), [(0, 0), (4, 0), (5, 1), (100, 1)])
@@ -218,8 +221,8 @@ class TestLegs:
         assert leg_at(self.LEGS, 2, 4, t_us) == leg
 
     def test_walked(self):
-        assert walked(self.LEGS, 1, 7) == (5.0, 4.0)
-        assert walked(self.LEGS, 3, 10) == (8.0, 6.0)
+        assert walked(self.LEGS[1], 7) == (5.0, 4.0)
+        assert walked(self.LEGS[3], 10) == (8.0, 6.0)
 
 
 # Crossings at random, against the sampler.
@@ -355,7 +358,7 @@ def test_users_in_buckets_cross_as_all_users_do(seed):
     heads, following = np.empty(shape[0] * shape[1], np.int64), np.empty(400, np.int64)
     buckets = Buckets(shape, side, heads, following)
     users, found = Users(legs, offsets, np.zeros((SEEN_ROWS, 400))), 0
-    out, near = np.empty((5000, 3), np.int64), np.empty((5000, 3), np.int64)
+    out, near = zeros(Change, 5000), zeros(Change, 5000)
     for _ in range(40):
         start = int(rng.integers(0, 540)) * US
         span = (start, start + 60 * US)
@@ -363,7 +366,7 @@ def test_users_in_buckets_cross_as_all_users_do(seed):
         far = sort_into_buckets(users.seen, buckets)
         x, y = rng.uniform(-0.02, 1.02, 2) * area
         route = (x, y, x + 240.0, y) if rng.random() < 0.5 else (x, y, x, y - 240.0)
-        profile = (FILL if rng.random() < 0.5 else FAST).profile
+        profile = (FILL if rng.random() < 0.5 else FAST).rows
         leg = DroneLeg(profile, route, span, radius, bool(rng.random() < 0.5))
         count = crossings(leg, users, out)
         assert crossings_near(leg, users, buckets, far, near) == count

@@ -21,7 +21,7 @@ SPAN = (0, 60 * US)
 
 
 def headed(dx, dy, dz=0.0):
-    profile = BangCoastBang().fastest_transit(240.0).profile
+    profile = BangCoastBang().fastest_transit(240.0).rows
     return heading_of(DroneLeg(profile, (7.0, 9.0, 7.0 + dx, 9.0 + dy), SPAN, 1.0, False, dz))
 
 

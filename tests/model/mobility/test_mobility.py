@@ -12,10 +12,10 @@ from scipy import stats
 from desim_uav.model.mobility.mobility import Area, RandomWalk, Static
 from desim_uav.model.mobility.recorded_walks import Trace
 from desim_uav.model.random.streams import Purpose, Streams
+from tests.verification.walked import starts_of, velocities_of
 
 US = 1_000_000
 HORIZON_US = 1800 * US
-T0, X, Y, VX, VY = range(5)
 
 
 def streams(seed=0, episode=0):
@@ -31,13 +31,13 @@ def own_legs(walks):
 
 def ends(legs, horizon_us):
     """Where each leg ends."""
-    stops = np.append(legs[1:, T0], horizon_us)
-    return legs[:, [X, Y]] + legs[:, [VX, VY]] * ((stops - legs[:, T0]) * 1e-6)[:, None]
+    stops = np.append(legs["begin_us"][1:], horizon_us)
+    return starts_of(legs) + velocities_of(legs) * ((stops - legs["begin_us"]) * 1e-6)[:, None]
 
 
 def position(legs, t_us):
-    leg = legs[legs[:, T0] <= t_us][-1]
-    return leg[[X, Y]] + leg[[VX, VY]] * (t_us - leg[T0]) * 1e-6
+    leg = legs[legs["begin_us"] <= t_us][-1]
+    return starts_of(leg) + velocities_of(leg) * (t_us - leg.begin_us) * 1e-6
 
 
 # The random walk again: NumPy's generator, straight on forever, and the plane folded onto the map.
@@ -110,14 +110,14 @@ def test_an_independent_walk_is_the_same(walk, size):
         drift_m = 1e-6 + 2e-6 * walk.speed_mps * math.sqrt(met)
         for t_us in range(0, HORIZON_US, 7_300_001):
             assert position(legs, t_us) == pytest.approx(expected.position(t_us), abs=drift_m)
-        starts = legs[np.isin(legs[:, T0], np.arange(0, HORIZON_US, expected.leg_us))]
+        starts = legs[np.isin(legs["begin_us"], np.arange(0, HORIZON_US, expected.leg_us))]
         assert len(starts) == len(expected.velocities)
-        speeds = np.abs(legs[:, [VX, VY]])
+        speeds = np.abs(velocities_of(legs))
         drawn = np.abs(expected.velocities)
         for leg, velocity in zip(starts, drawn, strict=True):
-            assert np.abs(leg[[VX, VY]]) == pytest.approx(velocity, rel=1e-14)
+            assert np.abs(velocities_of(leg)) == pytest.approx(velocity, rel=1e-14)
         # A mirror turns a velocity and changes nothing else of it.
-        which = (legs[:, T0] // expected.leg_us).astype(int)
+        which = (legs["begin_us"] // expected.leg_us).astype(int)
         assert speeds == pytest.approx(drawn[which], rel=1e-14)
         assert len(legs) == pytest.approx(len(drawn) + met, abs=1)
         walls += met
@@ -140,17 +140,17 @@ def test_walks_stay_on_the_map_and_join(seed, size, speed, leg_s, horizon_us):
     walk = RandomWalk(speed, leg_s)
     walks = walk.walks(homes, streams(seed), Area(*size), horizon_us)
     for user, legs in enumerate(own_legs(walks)):
-        assert legs[0, T0] == 0
-        assert legs[0, [X, Y]].tolist() == homes[user].tolist()
-        assert (np.diff(legs[:, T0]) > 0).all()
-        assert (legs[:, T0] == np.floor(legs[:, T0])).all()
-        assert legs[-1, T0] < horizon_us
-        assert np.hypot(legs[:, VX], legs[:, VY]) == pytest.approx(speed, rel=1e-14)
-        lasts = np.diff(legs[:, T0], append=horizon_us)
+        assert legs["begin_us"][0] == 0
+        assert starts_of(legs[0]).tolist() == homes[user].tolist()
+        assert (np.diff(legs["begin_us"]) > 0).all()
+        assert (legs["begin_us"] == np.floor(legs["begin_us"])).all()
+        assert legs["begin_us"][-1] < horizon_us
+        assert np.hypot(legs["vx_mps"], legs["vy_mps"]) == pytest.approx(speed, rel=1e-14)
+        lasts = np.diff(legs["begin_us"], append=horizon_us)
         assert lasts.max() <= round(leg_s * US)
         stops = ends(legs, horizon_us)
-        assert stops[:-1] == pytest.approx(legs[1:, [X, Y]], abs=1e-4)
-        for points in (legs[:, [X, Y]], stops):
+        assert stops[:-1] == pytest.approx(starts_of(legs[1:]), abs=1e-4)
+        for points in (starts_of(legs), stops):
             assert points.min() >= -1e-4
             assert (points <= np.array(size) + 1e-4).all()
 
@@ -161,13 +161,13 @@ def test_a_leg_is_split_just_where_it_is_mirrored():
     mirrors = 0
     for legs in own_legs(walk.walks(homes, streams(2), Area(*size), 600 * US)):
         for before, leg in pairwise(legs):
-            if leg[T0] % (60 * US) == 0:
+            if leg.begin_us % (60 * US) == 0:
                 continue
-            turned = np.flatnonzero(np.sign(before[[VX, VY]]) != np.sign(leg[[VX, VY]]))
+            turned = np.flatnonzero(np.sign(velocities_of(before)) != np.sign(velocities_of(leg)))
             assert len(turned) >= 1
             for axis in turned:
-                outward = before[VX + axis] > 0
-                assert leg[X + axis] == (size[axis] if outward else 0.0)
+                outward = velocities_of(before)[axis] > 0
+                assert starts_of(leg)[axis] == (size[axis] if outward else 0.0)
             mirrors += 1
     assert mirrors > 500
 
@@ -177,7 +177,7 @@ def test_headings_are_uniform():
     homes = np.full((4000, 2), 5e5)
     walks = RandomWalk().walks(homes, streams(17), Area(1e6, 1e6), 5 * 60 * US)
     assert len(walks.legs) == 20_000
-    angles = np.arctan2(walks.legs[:, VY], walks.legs[:, VX])
+    angles = np.arctan2(walks.legs["vy_mps"], walks.legs["vx_mps"])
     assert stats.kstest(angles, stats.uniform(-math.pi, 2 * math.pi).cdf).pvalue > 1e-3
     for k in (1, 2, 4):
         # Corners of the square, seen as a resultant of the k-fold angle.
@@ -189,7 +189,7 @@ def test_headings_of_one_leg_say_nothing_of_the_next():
     homes = np.full((20_000, 2), 5e5)
     walks = RandomWalk().walks(homes, streams(18), Area(1e6, 1e6), 2 * 60 * US)
     first, second = walks.legs[::2], walks.legs[1::2]
-    cosine = (first[:, [VX, VY]] * second[:, [VX, VY]]).sum(axis=1) / 1.4**2
+    cosine = (velocities_of(first) * velocities_of(second)).sum(axis=1) / 1.4**2
     assert abs(cosine.mean()) < 4 * cosine.std(ddof=1) / math.sqrt(len(cosine))
 
 
@@ -198,15 +198,15 @@ def test_the_paper_walks_at_a_walking_pace():
     assert (walk.speed_mps, walk.leg_s) == (1.4, 60.0)
     walks = walk.walks(np.full((3, 2), 1200.0), streams(), Area(2400.0, 2400.0), HORIZON_US)
     legs = own_legs(walks)[0]
-    assert legs[:, T0].tolist() == [k * 60 * US for k in range(30)]
+    assert legs["begin_us"].tolist() == [k * 60 * US for k in range(30)]
     assert np.hypot(*ends(legs, HORIZON_US)[0] - 1200.0) == pytest.approx(84.0, rel=1e-12)
 
 
 def test_no_speed_is_no_walk():
     homes = np.array([(0.0, 7.0)])
     walks = RandomWalk(speed_mps=0.0).walks(homes, streams(), Area(9.0, 9.0), HORIZON_US)
-    assert (walks.legs[:, [X, Y]] == (0.0, 7.0)).all()
-    assert (walks.legs[:, [VX, VY]] == 0.0).all()
+    assert (starts_of(walks.legs) == (0.0, 7.0)).all()
+    assert (velocities_of(walks.legs) == 0.0).all()
 
 
 def test_a_new_episode_is_a_new_walk_from_home():
@@ -214,14 +214,14 @@ def test_a_new_episode_is_a_new_walk_from_home():
     area = Area(2000.0, 2000.0)
     one, other = (RandomWalk().walks(homes, streams(3, e), area, HORIZON_US) for e in (0, 1))
     for first, second in zip(own_legs(one), own_legs(other), strict=True):
-        assert first[0, [X, Y]].tolist() == second[0, [X, Y]].tolist()
-        assert first[0, VX] != second[0, VX]
+        assert starts_of(first[0]).tolist() == starts_of(second[0]).tolist()
+        assert first["vx_mps"][0] != second["vx_mps"][0]
 
 
 def test_static():
     homes = np.array([(1.0, 2.0), (3.0, 4.0)])
     walks = Static().walks(homes, streams(), Area(5.0, 5.0), HORIZON_US)
-    assert walks.legs.tolist() == [[0, 1, 2, 0, 0], [0, 3, 4, 0, 0]]
+    assert walks.legs.tolist() == [(0, 1, 2, 0, 0), (0, 3, 4, 0, 0)]
     assert walks.offsets.tolist() == [0, 1, 2]
 
 
@@ -239,14 +239,14 @@ class TestTrace:
         homes = np.array([(9.0, 9.0), (8.0, 8.0), (7.0, 7.0)])
         walks = trace.walks(homes, streams(), Area(200.0, 200.0), HORIZON_US)
         home, one, two = own_legs(walks)
-        assert home.tolist() == [[0, 9, 9, 0, 0]]
+        assert home.tolist() == [(0, 9, 9, 0, 0)]
         assert one.tolist() == [
-            [0, 100, 0, 0, 0],
-            [10 * US, 100, 0, 2, 3],
-            [30 * US, 140, 60, 0, -40],
-            [31.5 * US, 140, 0, 0, 0],
+            (0, 100, 0, 0, 0),
+            (10 * US, 100, 0, 2, 3),
+            (30 * US, 140, 60, 0, -40),
+            (31.5 * US, 140, 0, 0, 0),
         ]
-        assert two.tolist() == [[0, 5, 6, 0, 0], [0.25 * US, 5, 6, 0, 0]]
+        assert two.tolist() == [(0, 5, 6, 0, 0), (0.25 * US, 5, 6, 0, 0)]
 
     @pytest.mark.parametrize(
         ("text", "message"),

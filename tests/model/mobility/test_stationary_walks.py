@@ -30,16 +30,13 @@ from tests.verification.mobility import (
     under_way,
 )
 from tests.verification.walked import (
-    T0,
     US,
-    VX,
-    VY,
-    X,
-    Y,
     legs_at,
     nth_legs,
     places_at,
     speeds_at,
+    starts_of,
+    velocities_of,
     walked,
 )
 
@@ -70,10 +67,10 @@ def test_walks_join_and_stay_on_the_map(model: RandomWaypoint, start: str, in_py
     assert leaves_the_map(walks, Area(*side_m), int(last_s * US)) == ""
     for first, end in pairwise(walks.offsets):
         legs = walks.legs[first:end]
-        lasts_s = np.diff(legs[:, T0])[:, None] / US
-        assert legs[0, T0] == 0 and (lasts_s > 0).all()
-        ends = legs[:-1, [X, Y]] + legs[:-1, [VX, VY]] * lasts_s
-        assert ends == pytest.approx(legs[1:, [X, Y]], abs=1e-3)
+        lasts_s = np.diff(legs["begin_us"])[:, None] / US
+        assert legs["begin_us"][0] == 0 and (lasts_s > 0).all()
+        ends = starts_of(legs[:-1]) + velocities_of(legs[:-1]) * lasts_s
+        assert ends == pytest.approx(starts_of(legs[1:]), abs=1e-3)
     expected = model.expected_legs(users, Area(*side_m), last_s)
     assert expected / 2 < len(walks.legs) < expected * 2
 
@@ -129,8 +126,8 @@ def test_without_a_stationary_start_it_decays():
 def test_ways_are_as_long_as_those_between_uniform_points():
     model = RandomWaypoint((1.0, 19.0), (0.0, 0.0), start="home")
     legs, lasts_s = nth_legs(walked(model, 10_000, SQUARE, 9000.0), 1)
-    lengths = np.hypot(legs[:, VX], legs[:, VY]) * lasts_s
-    speeds = np.hypot(legs[:, VX], legs[:, VY])
+    lengths = np.hypot(legs["vx_mps"], legs["vy_mps"]) * lasts_s
+    speeds = np.hypot(legs["vx_mps"], legs["vy_mps"])
     check([Estimate.of("length", lengths, 521.405433), Estimate.of("speed", speeds, 10.0)])
     assert stats.kstest(speeds, stats.uniform(1.0, 18.0).cdf).pvalue > 1e-3
 
@@ -163,7 +160,7 @@ def blocks(walks: object, t_s: float, street_m: float) -> np.ndarray:
     """The middle of the block that each user is on, in halves of a block."""
     legs = walks.legs[legs_at(walks, t_s)]
     places = places_at(walks, t_s) / street_m
-    along_x = legs[:, VX] != 0.0
+    along_x = legs["vx_mps"] != 0.0
     twice = np.rint(2.0 * places).astype(int)
     middle = 2 * np.floor(places).astype(int) + 1
     return np.where(np.column_stack([along_x, ~along_x]), middle, twice)
@@ -173,7 +170,7 @@ def blocks(walks: object, t_s: float, street_m: float) -> np.ndarray:
 @pytest.mark.parametrize("t_s", [0.0, 300.0, 2000.0])
 def test_users_are_uniform_on_streets(t_s: float):
     walks = walked(Manhattan(100.0, (1.0, 19.0)), 20_000, (400.0, 300.0), 2000.0)
-    assert ((walks.legs[:, VX] == 0.0) != (walks.legs[:, VY] == 0.0)).all()
+    assert ((walks.legs["vx_mps"] == 0.0) != (walks.legs["vy_mps"] == 0.0)).all()
     _, counts = np.unique(blocks(walks, t_s, 100.0), axis=0, return_counts=True)
     assert len(counts) == 4 * 4 + 3 * 5
     assert stats.chisquare(counts).pvalue > 1e-3
@@ -181,11 +178,11 @@ def test_users_are_uniform_on_streets(t_s: float):
     check(
         [
             Estimate.of("speed", speeds_at(walks, t_s), 6.113219),
-            Estimate.of("to the east", np.sign(legs[:, VX]), 0.0),
-            Estimate.of("to the north", np.sign(legs[:, VY]), 0.0),
+            Estimate.of("to the east", np.sign(legs["vx_mps"]), 0.0),
+            Estimate.of("to the north", np.sign(legs["vy_mps"]), 0.0),
         ]
     )
-    within = (places_at(walks, t_s) / 100.0)[legs[:, VX] != 0.0][:, 0] % 1.0
+    within = (places_at(walks, t_s) / 100.0)[legs["vx_mps"] != 0.0][:, 0] % 1.0
     assert stats.kstest(within, "uniform").pvalue > 1e-3
 
 
@@ -196,7 +193,11 @@ def test_turns_at_crossings(in_python: None):
     walks = walked(model, users, (400.0, 300.0), 300.0)
     legs, _ = nth_legs(walks, 3)
     after, _ = nth_legs(walks, 4)
-    at, way, next_way = after[:, [X, Y]], np.sign(legs[:, [VX, VY]]), np.sign(after[:, [VX, VY]])
+    at, way, next_way = (
+        starts_of(after),
+        np.sign(velocities_of(legs)),
+        np.sign(velocities_of(after)),
+    )
     ahead = (way * next_way).sum(axis=1)
     left = way[:, 0] * next_way[:, 1] - way[:, 1] * next_way[:, 0]
     inner = ((at > 1.0) & (at < np.array([399.0, 299.0]))).all(axis=1)
@@ -211,9 +212,9 @@ def test_turns_at_crossings(in_python: None):
         ]
     )
     first, _ = nth_legs(walks, 0)
-    to = walks.legs[walks.offsets[:-1] + 1][:, [X, Y]]
-    away = np.abs(first[:, [X, Y]] - np.rint(first[:, [X, Y]] / 100.0) * 100.0)
-    assert np.abs(to - first[:, [X, Y]]).sum(axis=1) == pytest.approx(away.min(axis=1), abs=1e-9)
+    to = starts_of(walks.legs[walks.offsets[:-1] + 1])
+    away = np.abs(starts_of(first) - np.rint(starts_of(first) / 100.0) * 100.0)
+    assert np.abs(to - starts_of(first)).sum(axis=1) == pytest.approx(away.min(axis=1), abs=1e-9)
 
 
 # ---- groups

@@ -61,13 +61,13 @@ def test_walks(tmp_path: Path, form: str):
     walks = trace.walks(homes, Streams(0, Purpose.MOBILITY), area, 60 * US)
     assert walks.offsets.tolist() == [0, 2, 3, 6, 7]
     assert walks.legs.tolist() == [
-        [0, 10, 20, 3, 0],
-        [2 * US, 16, 20, 0, 0],
-        [0, 1.5, 2, 0, 0],
-        [0, 50, 60, 0, 0],
-        [2 * US, 50, 60, 2, -4],
-        [4.5 * US, 55, 50, 0, 0],
-        [0, 7, 7, 0, 0],
+        (0, 10, 20, 3, 0),
+        (2 * US, 16, 20, 0, 0),
+        (0, 1.5, 2, 0, 0),
+        (0, 50, 60, 0, 0),
+        (2 * US, 50, 60, 2, -4),
+        (4.5 * US, 55, 50, 0, 0),
+        (0, 7, 7, 0, 0),
     ]
     assert trace.problems(3, area) == []
     assert trace.expected_legs(3, area, 60.0) == 11

@@ -5,8 +5,9 @@ import pytest
 
 from desim_uav.model.geometry.prisms import obstacles
 from desim_uav.model.motion.flight import step_leg
-from desim_uav.model.motion.legs import LegBounds, write_profile
+from desim_uav.model.motion.legs import LegBounds
 from desim_uav.model.motion.limits import CALM, Limits
+from desim_uav.model.motion.space import flight_of
 from tests.model.geometry.maps import random_town
 from tests.model.geometry.test_roads import free_place
 from tests.model.motion.places import place_on
@@ -49,8 +50,7 @@ def wander(towns, steps, seed):
             command = rng.uniform(-1.0, 1.0, 3) * (1.0, 1.0, rng.choice([0.0, 0.3]))
             leg, blocked = step_leg(LIMITS, wind, np.inf, bounds, prisms, 30.0, at, tuple(command))
             assert leg.route[:3] == at and 0 <= leg.duration_us <= 30_000_000
-            profile = np.zeros((4, 4))
-            write_profile(leg, profile)
+            profile = flight_of(leg, wind).rows
             times = np.linspace(0.0, leg.duration_s, 60)
             places = np.array([place_on(leg, profile, t) for t in times])
             assert (town.clearance_m(places) >= town.margin_m - 1e-5).all()

@@ -9,14 +9,13 @@ from desim_uav.model.motion.legs import (
     leg_between,
     reach_along,
     reach_m,
-    write_profile,
 )
 from desim_uav.model.motion.limits import CALM, Limits
 from desim_uav.model.motion.motion import BangCoastBang
+from desim_uav.model.motion.space import flight_of
 from desim_uav.model.radio.tracks import Flight, TrackRow, fly, place, row_at
 from desim_uav.rowcode.kernels import kernel
-from desim_uav.rowcode.views import records, zeros
-from desim_uav.sky.rows import PieceRow
+from desim_uav.rowcode.views import zeros
 from tests.model.motion.places import place_on
 from tests.model.radio.looking import Trip
 from tests.model.sampler import Flight as Flown
@@ -42,8 +41,7 @@ def random_leg(rng):
 
 
 def profile_of(leg):
-    profile = np.full((4, 4), np.nan)
-    return profile[: write_profile(leg, profile)]
+    return flight_of(leg, (0.0, 0.0)).rows
 
 
 class TestLegs:
@@ -51,7 +49,7 @@ class TestLegs:
         for metres in (240.0, 10.0, 1e-3):
             cells = BangCoastBang(10.0, 4.0, "minimum_time").fastest_transit(metres)
             leg = leg_between(LIMITS, CALM, np.inf, (0.0, 0.0, 50.0), (0.0, metres, 50.0))
-            assert (profile_of(leg) == cells.profile).all()
+            assert (profile_of(leg) == cells.rows).all()
             assert (leg.duration_us, leg.distance_m) == (cells.duration_us, metres)
 
     @pytest.mark.thorough
@@ -69,7 +67,7 @@ class TestLegs:
             profile = profile_of(leg)
             tracks = zeros(TrackRow, 10)
             end = fly(
-                Flight(records(PieceRow, profile), leg.route, 0),
+                Flight(profile, leg.route, 0),
                 (0, 2 * leg.duration_us),
                 tracks,
                 0,
@@ -105,8 +103,8 @@ class TestLegs:
             leg = leg_between(LIMITS, CALM, np.inf, (1.0, 2.0, 3.0), (1.0, 2.0 + apart, 3.0))
             assert (leg.distance_m, leg.duration_us) == (0.0, 0)
             profile = profile_of(leg)
-            assert profile.tolist() == [[0.0] * 4]
-            assert place_on(leg, np.zeros((4, 4)), 9.0) == (1.0, 2.0, 3.0)
+            assert profile.tolist() == [(0.0,) * 4]
+            assert place_on(leg, profile, 9.0) == (1.0, 2.0, 3.0)
 
 
 class TestReach:
@@ -183,19 +181,13 @@ class TestCommands:
 
 
 @kernel
-def in_compiled_code(limits, wind, bounds, at, command, profile):
+def in_compiled_code(limits, wind, bounds, at, command):
     target = commanded(limits, wind, np.inf, bounds, 60.0, at, command)
-    leg = leg_between(limits, wind, np.inf, at, target)
-    write_profile(leg, profile)
-    return leg
+    return leg_between(limits, wind, np.inf, at, target)
 
 
 def test_compiled_code_gets_the_same():
-    own, profile = np.zeros((4, 4)), np.zeros((4, 4))
     at, command, wind = (1200.0, 1000.0, 70.0), (0.3, -0.7, 0.2), (3.0, 1.0)
-    found = in_compiled_code(LIMITS, wind, MAP, at, command, own)
+    found = in_compiled_code(LIMITS, wind, MAP, at, command)
     target = commanded(LIMITS, wind, np.inf, MAP, 60.0, at, command)
-    leg = leg_between(LIMITS, wind, np.inf, at, target)
-    write_profile(leg, profile)
-    assert found == leg
-    assert (own == profile).all()
+    assert found == leg_between(LIMITS, wind, np.inf, at, target)

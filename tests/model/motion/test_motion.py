@@ -8,10 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from desim_uav.model.motion.motion import (
-    ACCELERATION,
-    DISTANCE,
     REST,
-    START,
     BangCoastBang,
     TransitLeg,
     cruise_speed,
@@ -32,9 +29,9 @@ class TestClosedForms:
         assert top_speed(transit) == 8.3
         assert transit.distance_m == 240.0
         # The ramps: v/a = 2.075 s and v²/2a = 8.61125 m each.
-        assert transit.profile[:, START] == pytest.approx([0, 2.075, 28.91566265, 30.99066265])
-        assert transit.profile[:, DISTANCE] == pytest.approx([0, 8.61125, 231.38875, 240])
-        assert transit.profile[:, ACCELERATION].tolist() == [4.0, 0.0, -4.0, 0.0]
+        assert transit.rows["start_s"] == pytest.approx([0, 2.075, 28.91566265, 30.99066265])
+        assert transit.rows["from_m"] == pytest.approx([0, 8.61125, 231.38875, 240])
+        assert transit.rows["acceleration_mps2"].tolist() == [4.0, 0.0, -4.0, 0.0]
 
     def test_a_short_hop_in_minimum_time_still_cruises(self):
         transit = FAST.fastest_transit(20.0)
@@ -44,7 +41,7 @@ class TestClosedForms:
     def test_below_v_squared_over_a_the_profile_is_triangular(self):
         transit = FAST.fastest_transit(10.0)
         assert transit.profile[1, :3] == pytest.approx(transit.profile[2, :3])
-        assert travelled(transit.profile, math.sqrt(2.5)) == pytest.approx(5.0, abs=1e-12)
+        assert travelled(transit.rows, math.sqrt(2.5)) == pytest.approx(5.0, abs=1e-12)
 
     def test_both_forms_meet_at_v_squared_over_a(self):
         edge = 8.3**2 / 4.0
@@ -57,7 +54,7 @@ class TestClosedForms:
         transit = FILL.epoch_transit(240.0, 60.0)
         assert flight_s(transit) == 60.0
         assert transit.duration_us == 60_000_000
-        assert transit.profile[:, ACCELERATION].tolist() == [4.0, 0.0, -4.0, 0.0]
+        assert transit.rows["acceleration_mps2"].tolist() == [4.0, 0.0, -4.0, 0.0]
 
     def test_a_level_that_fills_the_epoch(self):
         assert FILL.epoch_transit(20.0, 60.0).duration_us == 60_000_000
@@ -70,16 +67,16 @@ class TestClosedForms:
     def test_minimum_time_in_an_epoch_leaves_the_rest_of_it(self):
         transit = FAST.epoch_transit(240.0, 60.0)
         assert transit.duration_us == 30_990_663
-        assert travelled(transit.profile, 31.0) == 240.0
-        assert travelled(transit.profile, 60.0) == 240.0
+        assert travelled(transit.rows, 31.0) == 240.0
+        assert travelled(transit.rows, 60.0) == 240.0
 
     def test_returns_are_flown_in_minimum_time_whatever_the_timing(self):
         assert FILL.fastest_transit(240.0).duration_us == 30_990_663
 
     def test_rest(self):
         assert REST.duration_us == 0
-        assert travelled(REST.profile, 0.0) == 0.0
-        assert travelled(REST.profile, 1e6) == 0.0
+        assert travelled(REST.rows, 0.0) == 0.0
+        assert travelled(REST.rows, 1e6) == 0.0
 
 
 class TestErrors:
@@ -127,10 +124,10 @@ def transits(draw):
 @settings(max_examples=150, deadline=None)
 def test_the_limits_hold_and_the_flight_ends_exactly_at_its_distance(drawn):
     transit, v, a = drawn
-    profile = transit.profile
+    profile = transit.rows
     assert top_speed(transit) <= v * (1 + 1e-12)
-    assert np.abs(profile[:, ACCELERATION]).max() <= a
-    assert np.all(np.diff(profile[:, START]) >= -1e-9 * flight_s(transit))
+    assert np.abs(profile["acceleration_mps2"]).max() <= a
+    assert np.all(np.diff(profile["start_s"]) >= -1e-9 * flight_s(transit))
     assert travelled(profile, flight_s(transit)) == transit.distance_m
     assert travelled(profile, 2.0 * flight_s(transit)) == transit.distance_m
     assert transit.duration_us == round(flight_s(transit) * 1e6)
@@ -144,9 +141,9 @@ def test_the_limits_hold_and_the_flight_ends_exactly_at_its_distance(drawn):
 def test_position_is_continuous_and_never_goes_back(drawn):
     transit, v, _ = drawn
     times = np.linspace(0.0, flight_s(transit), 2001)
-    joints = transit.profile[:, START]
+    joints = transit.rows["start_s"]
     times = np.sort(np.concatenate([times, joints, np.nextafter(joints[1:], 0.0)]))
-    flown = np.array([travelled(transit.profile, t) for t in times])
+    flown = np.array([travelled(transit.rows, t) for t in times])
     steps = np.diff(flown)
     slack = 1e-9 * transit.distance_m
     assert flown[0] == 0.0
@@ -158,17 +155,17 @@ def test_position_is_continuous_and_never_goes_back(drawn):
 @settings(max_examples=60, deadline=None)
 def test_position_is_the_acceleration_integrated_twice(drawn):
     transit, _, _ = drawn
-    profile = transit.profile
+    profile = transit.rows
     dt = flight_s(transit) / 20_000
     middles = (np.arange(20_000) + 0.5) * dt
-    phase = np.searchsorted(profile[:-1, START], middles, side="right") - 1
-    speed = np.concatenate([[0.0], np.cumsum(profile[phase, ACCELERATION]) * dt])
+    phase = np.searchsorted(profile["start_s"][:-1], middles, side="right") - 1
+    speed = np.concatenate([[0.0], np.cumsum(profile["acceleration_mps2"][phase]) * dt])
     position = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1])) * dt])
     # A phase that ends within a cell of the integration costs at most a dt of speed, for all of T.
-    error = 4.0 * np.abs(profile[:, ACCELERATION]).max() * dt * flight_s(transit)
+    error = 4.0 * np.abs(profile["acceleration_mps2"]).max() * dt * flight_s(transit)
     for k in range(0, 20_001, 1000):
         assert travelled(profile, k * dt) == pytest.approx(position[k], abs=error)
-    assert speed[-1] == pytest.approx(0.0, abs=4.0 * profile[0, ACCELERATION] * dt)
+    assert speed[-1] == pytest.approx(0.0, abs=4.0 * profile["acceleration_mps2"][0] * dt)
 
 
 @given(distances, speeds, accelerations, st.floats(0.0, 1.0))
@@ -176,8 +173,8 @@ def test_position_is_the_acceleration_integrated_twice(drawn):
 def test_the_second_half_mirrors_the_first(distance, v, a, share):
     transit = BangCoastBang(v, a, "minimum_time").fastest_transit(distance)
     t = share * flight_s(transit)
-    there = travelled(transit.profile, t)
-    back = travelled(transit.profile, flight_s(transit) - t)
+    there = travelled(transit.rows, t)
+    back = travelled(transit.rows, flight_s(transit) - t)
     assert there + back == pytest.approx(distance, rel=1e-9)
 
 

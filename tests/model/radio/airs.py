@@ -20,7 +20,7 @@ from desim_uav.rowcode.views import in_memory, records, zeros
 from desim_uav.sky import links
 from desim_uav.sky import rows as sky_rows
 from desim_uav.sky.links import MOST_PASSED
-from desim_uav.sky.rows import Change, LegRow, PieceRow, Propagation, Scene, TransitRow
+from desim_uav.sky.rows import Change, LegRow, Propagation, Scene, TransitRow
 from tests.model.radio.looking import Loss, moving
 from tests.model.radio.making import START_US, flying, hovering, walks
 from tests.model.sampler import Walk
@@ -132,7 +132,7 @@ class Air:
         own.legs = Table(blank(LegRow) for _ in sky.legs)
         own.air.links = Table(blank(Link) for _ in sky.legs)
         for i, leg in enumerate(sky.legs):
-            scene.transits[i].pieces = records(PieceRow, leg.profile)
+            scene.transits[i].pieces = leg.profile
             radio, loss = scene.radios[i], kept_loss(sky.radios[i].path_loss)
             radio.level, radio.rates, radio.loss_values = loss[:3]
             radio.carrier_ghz, radio.power_dbm, radio.noise_dbm = (
@@ -170,7 +170,7 @@ class Air:
     @property
     def walked(self):
         """Where the walks are."""
-        return place(self.walks), self.walks.size, place(self.begins)
+        return place(self.walks), len(self.walks), place(self.begins)
 
     def classes(self, sender, span_us, held, out):
         """Write the changes of a drone's links, user by user, and return their number."""

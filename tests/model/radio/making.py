@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.motion.motion import REST, BangCoastBang
 from desim_uav.model.radio.tracks import Flight, TrackRow, fly, walk
 from desim_uav.rowcode.views import records, zeros
-from desim_uav.sky.rows import PieceRow
 from tests.model import sampler
 from tests.model.radio.looking import Trip
 
@@ -17,7 +17,7 @@ class Leg:
 
     def __init__(self, start, stop, transit, flight, before_s=0.0):
         self.route = (*map(float, start), *map(float, stop))
-        self.profile, self.before_us = transit.profile, round(before_s * 1e6)
+        self.profile, self.before_us = transit.rows, round(before_s * 1e6)
         flown = flight and _Later(flight, self.before_us * 1e-6)
         self.trip = Trip(np.array(start, float), np.array(stop, float), flown)
 
@@ -54,17 +54,18 @@ def flying(rng, start, stop, span_s):
 
 def walks(walk_, start_us=START_US):
     """A walk of the sampler as rows of the package."""
-    return np.array(
+    return records(
+        WalkLeg,
         [
             (start_us + round(t * 1e6), *point, *velocity)
             for t, point, velocity in zip(walk_.times, walk_.points, walk_.velocities, strict=True)
-        ]
+        ],
     )
 
 
 def flight_of(leg, start_us=START_US):
     """A leg as a flight of the package."""
-    return Flight(records(PieceRow, leg.profile), leg.route, start_us - leg.before_us)
+    return Flight(leg.profile, leg.route, start_us - leg.before_us)
 
 
 def absolute(legs, walk_, height_m, span_us):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.radio.between import (
     Climb,
     Window,
@@ -66,7 +67,7 @@ def rows_between(sky, fresh=True, room=3000):
         zeros(Window, window_rows(slabs, len(leg.profile))),
     )
     drone = DroneLeg(leg.profile, route, sky.span_us, 0.0, fresh)
-    out = np.full((room, 3), -7)
+    out = zeros(Change, room)
     count = class_changes_between(drone, climb, users, np.zeros(len(own), np.int64), out)
     if count > room:
         return count
@@ -76,7 +77,7 @@ def rows_between(sky, fresh=True, room=3000):
             assert t_us > rows[user][-1][0]
             assert (change > rows[user][-1][1]) if change > 0 else (-change < rows[user][-1][1])
         rows[user].append((t_us, abs(change)))
-    assert out[:count, 1].tolist() == sorted(out[:count, 1])
+    assert out["user"][:count].tolist() == sorted(out["user"][:count])
     return rows
 
 
@@ -91,7 +92,7 @@ def random_climb(rng, users, classes=14):
         leg = flying(rng, (x, y, z), (x, y, z + step), span_s)
         if leg.before_us:
             continue
-        span_s = max(span_s, round(leg.profile[-1, 0], 6))
+        span_s = max(span_s, round(leg.profile["start_s"][-1], 6))
         walking = [moving(rng, span_s, 4) for _ in range(users)]
         sky = sky_of([leg], walking, RADIOS[rng.integers(len(RADIOS))], span_s=span_s)
         levels = [sky.ratio_db(0, user, np.linspace(0, span_s, 30)) for user in range(users)]

@@ -5,7 +5,9 @@ import pytest
 
 from desim_uav.model.geometry.coverage import SEEN_ROWS, DroneLeg, Users, look_around
 from desim_uav.model.geometry.crossings import crossings
+from desim_uav.model.geometry.relative import Change
 from desim_uav.model.radio.nested import class_changes
+from desim_uav.rowcode.views import zeros
 from tests.model.radio.looking import Scene, Seen, hold_classes, moving
 from tests.model.radio.making import START_US, flying, hovering, walks
 from tests.model.sampler import Walk
@@ -23,7 +25,7 @@ def changes(leg, walking, radii, span_s, *, fresh=True, room=500):
     look_around(users, *span)
     route = (*leg.route[:2], *leg.route[3:5])
     climb = leg.route[5] - leg.route[2]
-    drone, out = DroneLeg(leg.profile, route, span, -1.0, fresh, climb), np.full((room, 3), -7)
+    drone, out = DroneLeg(leg.profile, route, span, -1.0, fresh, climb), zeros(Change, room)
     count = class_changes(drone, users, np.array(radii, float), np.arange(len(walking)), out)
     plain = [(t, u, abs(c)) for t, u, c in out[:count].tolist()] if count <= room else count
     return plain, drone, users
@@ -104,7 +106,7 @@ def survey(count, seed, oblique=False):
         if leg.before_us:
             continue  # a leg of the crossings begins with its span, and does not end after it
         if leg.trip.flight is not None:
-            span_s = max(span_s, round(leg.profile[-1, 0], 6))
+            span_s = max(span_s, round(leg.profile["start_s"][-1], 6))
         span = (START_US, START_US + round(span_s * 1e6))
         walk = moving(rng, span_s, 5)
         scene = Scene(walk, 0.0, [leg.trip], [], 0.0, span_s)
@@ -119,7 +121,7 @@ def survey(count, seed, oblique=False):
         if not own or own[0][0] > START_US:
             own.insert(0, (START_US, 0))
         wrong, unclear = hold_classes(apart, circles, own, span, 1e-9)
-        one, out = drone._replace(radius_m=-circles[5]), np.zeros((99, 3), np.int64)
+        one, out = drone._replace(radius_m=-circles[5]), zeros(Change, 99)
         single = crossings(one, users, out)
         alone, _, _ = changes(leg, [walk], [-circles[5:6]], span_s)
         if alone != [tuple(map(int, row)) for row in out[:single]]:

@@ -44,7 +44,7 @@ def test_two_spans_meet_at_the_same_numbers():
         leg = flying(rng, *rng.uniform(-400.0, 400.0, (2, 3)), 60.0)
         own = walks(moving(rng, 60.0, 5))
         cuts = [START_US, *np.sort(START_US + rng.integers(1, 60_000_000, 3)).tolist()]
-        cuts.append(int(START_US - leg.before_us + round(leg.profile[-1, 0] * 1e6)))
+        cuts.append(int(START_US - leg.before_us + round(leg.profile["start_s"][-1] * 1e6)))
         ends = []
         for span in pairwise(cuts):
             if span[1] <= span[0]:
@@ -55,7 +55,7 @@ def test_two_spans_meet_at_the_same_numbers():
             at = tracks[["x_m", "y_m", "z_m"]].tolist()
             ends.append((*at[0], *at[after]))
             ends.append((*at[after - 1], *at[last - 1]))
-            assert ends[-1][3:5] == walked(own, leg_at(own, 0, len(own), span[1]), span[1])
+            assert ends[-1][3:5] == walked(own[leg_at(own, 0, len(own), span[1])], span[1])
         assert ends[1:-1:2] == ends[2::2]
         assert ends[-1][:3] == leg.route[3:]
 

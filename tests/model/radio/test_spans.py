@@ -27,20 +27,20 @@ def begin(scene, sky, span_us):
 
 
 @kernel
-def bound_all(scene, sky, walks, numbers, begins, span_us, user):
+def bound_all(scene, sky, walks, legs, begins, span_us, user):
     """Write the bounds of all levels at a user in a span."""
     air = sky_at(sky).air
     begin(scene, sky, span_us)
-    look_from(air, _walkers_of(scene_at(scene), walks, numbers, begins), span_us, user)
+    look_from(air, _walkers_of(scene_at(scene), walks, legs, begins), span_us, user)
     for k in range(air.used):
         bound_high(air, k)
     bound_span(air)
 
 
 @kernel
-def search_all(scene, sky, out, room, walks, numbers, begins, span_us):
+def search_all(scene, sky, out, room, walks, legs, begins, span_us):
     """Write the changes of the first sender, as if no bound showed that a class stays the same."""
-    air, users = sky_at(sky).air, _walkers_of(scene_at(scene), walks, numbers, begins)
+    air, users = sky_at(sky).air, _walkers_of(scene_at(scene), walks, legs, begins)
     begin(scene, sky, span_us)
     signal = air.links[SIGNAL]
     signal.out, signal.room = out, room

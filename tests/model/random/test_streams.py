@@ -145,7 +145,7 @@ class TestWholeSamplePaths:
             heading = 2.0 * numpys(6, 2, user, episode).random((20, 2)) - 1.0
             heading = heading[np.hypot(*heading.T) <= 1.0][0]
             leg = path.walks.legs[path.walks.offsets[user]]
-            assert leg[3:] == pytest.approx(1.4 * heading / np.hypot(*heading))
+            assert [leg.vx_mps, leg.vy_mps] == pytest.approx(1.4 * heading / np.hypot(*heading))
             row = path.requests.rows[path.requests.offsets[user]]
             share = numpys(6, 3, user, episode).random(2)[1]
             assert row[1] == np.searchsorted([5 / 9, 7.5 / 9], share, side="right")

@@ -78,7 +78,7 @@ def test_the_time_at_which_a_transit_has_flown_so_far():
     for metres in (3.0, 40.0, 800.0):
         flight = BangCoastBang(12.0, 4.0, "minimum_time").fastest_transit(metres)
         for share in np.linspace(0.0, 1.0, 41):
-            reached = travelled(flight.profile, after_s(flight.profile, share * metres))
+            reached = travelled(flight.rows, after_s(flight, share * metres))
             assert reached == pytest.approx(share * metres, abs=1e-9)
 
 
