@@ -52,12 +52,12 @@ def audit_sensors(simulation: Simulation) -> None:
 
 def _updates(state: State, sensor: Sensor, user: User) -> None:
     """Check that each update is at one place: delivered, dropped, lost, in a buffer or a store."""
-    stored = sum(drone.freight[user.index].count for drone in state.drones if drone.freight)
+    stored = sum(drone.freight[user.index].count for drone in state.senders if drone.freight)
     left = sensor.delivered + sensor.dropped + sensor.lost
     there = sensor.count + stored
     assert sensor.generated == left + there, f"updates of user {user.index} are not conserved"
     if state.keeps_requests or state.keeps_events:
-        logged = [one for drone in state.drones for one in drone.store if one.user == user.index]
+        logged = [one for drone in state.senders for one in drone.store if one.user == user.index]
         assert len(logged) == stored, f"updates of user {user.index} in stores"
 
 
