@@ -109,7 +109,7 @@ def _visit(record: LineRecord, senders: dict[int, int]) -> None:
 
 def _count(state: State, drone: Drone) -> int:
     """How many requests a sender has at its links by its own lines and counts."""
-    in_lines = [*drone.sharing, *drone.computing]
+    in_lines = [*drone.sharing, *drone.computing, *drone.moving]
     served = sum(state.users[user].request.server == drone.index for user in in_lines)
     return len(drone.waiting) + len(drone.sharing) + sum(drone.served) - served
 
