@@ -29,7 +29,7 @@ class Exchange:
         return {"up": _rounded(self.up_mbit, 1e12), "down": _rounded(self.down_mbit, 1e12)}
 
     def stages(self) -> tuple[Stage, ...]:
-        return (Stage("up"), Stage("down"))
+        return (Stage("up", up=True), Stage("down"))
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from desim_uav.model.backhaul import UNLIMITED_BPS
 from desim_uav.model.services import SHARING
 from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rules.bands import count_bands, count_sharing, divide_anew, show_band
 from desim_uav.rules.rows import Constants, Drone, State, User
 
 ASKING = -1
@@ -30,7 +31,16 @@ def divide(world: Constants, state: State, drone: Drone, phase: int) -> None:
     """Let a drone divide its bandwidth, and its backhaul, among requests that share."""
     if world.radios[drone.radio].backhaul_bps < UNLIMITED_BPS:
         _propose(world, state, drone, phase)
-    call(world.radios[drone.radio].divide, (world, state, drone, phase))
+    _divide_bands(world, state, drone, phase)
+
+
+@rule
+def _divide_bands(world: Constants, state: State, drone: Drone, phase: int) -> None:
+    """Let a drone divide each of its bands among the requests that share it."""
+    for band in range(count_bands(drone)):
+        show_band(drone, band)
+        if len(drone.sharing) > 0:
+            call(world.radios[drone.radio].divide, (world, state, drone, phase))
 
 
 @rare_rule
@@ -39,9 +49,10 @@ def _propose(world: Constants, state: State, drone: Drone, phase: int) -> None:
 
     Both times they are those of all users, because each depends on the sum.
     """
-    drone.proposed_bps, drone.left_bps, drone.shared_hz = 0, ASKING, 0
-    call(world.radios[drone.radio].divide, (world, state, drone, phase))
-    drone.shared_hz = 0
+    drone.proposed_bps, drone.left_bps = 0, ASKING
+    divide_anew(drone)
+    _divide_bands(world, state, drone, phase)
+    divide_anew(drone)
     drone.left_bps = max(for_sharing_bps(drone), 0)
 
 
@@ -68,7 +79,7 @@ def for_sharing_bps(drone: Drone) -> int:
 @rule
 def part_bps(drone: Drone) -> int:
     """Return what a drone's backhaul has for each result that it relays."""
-    return max(drone.free_bps, 0) // (len(drone.sharing) + drone.relayed)
+    return max(drone.free_bps, 0) // (count_sharing(drone) + drone.relayed)
 
 
 @rule

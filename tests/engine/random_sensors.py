@@ -7,6 +7,7 @@ from typing import Any
 from desim_uav.world import World
 from tests.engine import random_groups
 from tests.engine.random_parts import Dice, accepted
+from tests.engine.random_tasks import with_uplinks
 
 
 def scenario(seed: int) -> dict[str, Any]:
@@ -28,6 +29,7 @@ def scenario(seed: int) -> dict[str, Any]:
     for drones in made["drones"] if grounded else ():
         drones["store_mbit"] = dice.of(None, 2, 9.5)
     made["reward"] = dice.of(made["reward"], {"kind": "age"})
+    with_uplinks(senders, dice)
     return made
 
 

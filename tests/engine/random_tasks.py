@@ -47,7 +47,16 @@ def scenario(seed: int) -> dict[str, Any]:
     for each in senders:
         if everywhere or dice.of(True, False, False):
             each["backhaul"] = {"kind": "capacity", "kbps": dice.of(80, 350.5, 1000, 6000)}
+    with_uplinks(senders, dice)
     return made
+
+
+def with_uplinks(senders: list[dict[str, Any]], dice: Dice) -> None:
+    """Give uploads a band of their own, at all radios with classes, at some of them or at none."""
+    likely = dice.of((True,), (True, False), (False,), (False,))
+    for each in senders:
+        if each.get("radio", {}).get("kind") == "link_classes" and dice.of(*likely):
+            each["radio"] = each["radio"] | {"uplink_mhz": dice.of(0.1, 0.4, 2.5)}
 
 
 def relaying(seed: int) -> dict[str, Any]:
