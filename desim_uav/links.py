@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -27,6 +28,19 @@ class Links(NamedTuple):
     rings_m: NDArray[np.float64]
     in_air: bool
     free: bool = False
+
+    @property
+    def uplink_hz(self) -> int | None:
+        """The bandwidth in Hz that uploads have for themselves; None: they share the other one.
+
+        They always share one that is unlimited.
+        """
+        return None if math.isinf(self.bandwidth_hz) else getattr(self.radio, "uplink_hz", None)
+
+    @property
+    def both_hz(self) -> float:
+        """The bandwidth in Hz of downloads and uploads together, a whole number or inf."""
+        return self.bandwidth_hz + (self.uplink_hz or 0)
 
     @property
     def efficiencies(self) -> tuple[int, ...]:

@@ -274,7 +274,7 @@ class World(Unchanging):
                 self.step_us / US,
                 scenario.three_d,
                 each.capacity / each.drain_per_s if each.limited else None,
-                links.bandwidth_hz / 1000,
+                links.both_hz / 1000,
                 bool(links.radio.graded),
                 scenario.limited_battery,
             )
@@ -360,9 +360,7 @@ class World(Unchanging):
         """The bandwidth of all drones and access points together, in Hz; inf if it is unlimited."""
         counts = [drones.count for drones in self.scenario.fleet]
         counts += [1] * len(self.scenario.access_points)
-        return sum(
-            count * links.bandwidth_hz for count, links in zip(counts, self.links, strict=True)
-        )
+        return sum(count * links.both_hz for count, links in zip(counts, self.links, strict=True))
 
     @cached_property
     def graded(self) -> bool:

@@ -29,7 +29,7 @@ class Exchange:
         return {"up": _rounded(self.up_mbit, 1e12), "down": _rounded(self.down_mbit, 1e12)}
 
     def stages(self) -> tuple[Stage, ...]:
-        return (Stage("up"), Stage("down"))
+        return (Stage("up", up=True), Stage("down"))
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Survey:
     def stages(self) -> tuple[Stage, ...]:
         return (
             Stage("duration", rate="held", timed=True),
-            Stage("duration", times="bit_min", per=60),
+            Stage("duration", times="bit_min", per=60, up=True),
             Stage("confirm", rate="confirm_rate", timed=True),
         )
 
@@ -81,7 +81,7 @@ class Rounds:
 
     def stages(self) -> tuple[Stage, ...]:
         return (
-            Stage("first", rate="rate", timed=True),
+            Stage("first", rate="rate", timed=True, up=True),
             Stage("second", rate="second_rate", timed=True),
         )
 

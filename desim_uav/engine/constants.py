@@ -147,6 +147,7 @@ def _radio(links: Links, backhaul: Backhaul | None) -> RadioRow:
     """Return a radio, and the backhaul behind it, as a row, without its functions."""
     row, radio = blank(RadioRow), links.radio
     row.bandwidth_hz = whole_hz(links.bandwidth_hz)
+    row.uplink_hz = -1 if links.uplink_hz is None else links.uplink_hz
     row.backhaul_bps = UNLIMITED_BPS if backhaul is None else backhaul.capacity_bps
     row.classes = len(links.efficiencies) - 1
     row.flat = int(radio.flat)

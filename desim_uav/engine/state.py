@@ -148,8 +148,10 @@ def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     drone.radio = drone.type if drone.point < 0 else len(world.types) + drone.point
     drone.mode = words.FLYING
     set_course(drone, world)
-    drone.waiting.buffer = len(world.homes)
-    drone.sharing.buffer = len(world.homes) * world.links[drone.radio].radio.sharing.divides
+    links = world.links[drone.radio]
+    for band in (drone, drone.aside)[: 1 + (links.uplink_hz is not None)]:
+        band.waiting.buffer = len(world.homes)
+        band.sharing.buffer = len(world.homes) * links.radio.sharing.divides
     drone.computing.buffer = len(world.homes) * world.services.computes
     drone.moving.buffer = len(world.homes) * world.services.migrates
     drone.ahead = Queue(of=rows.Change, buffer=buffers.crossings)

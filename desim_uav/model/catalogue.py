@@ -36,7 +36,8 @@ FEWEST_DRAWS = 2
 class StageRow(Row):
     """A stage as a row (see ``Stage``), in which lists of values have numbers; -1: there is none.
 
-    ``line`` is the number of the line of a drone in which a request stands in this stage.
+    ``line`` is the number of the line of a drone in which a request stands in this stage, and
+    ``up`` the band of that line.
     """
 
     line: int
@@ -45,6 +46,7 @@ class StageRow(Row):
     times: int
     per: int
     rate: int
+    up: int
     scale: int
 
 
@@ -165,6 +167,7 @@ def _stage_rows(service: Service) -> tuple[tuple[int, ...], ...]:
             number[stage.times or ""],
             stage.per,
             number[stage.rate or ""],
+            int(stage.up),
             stage.scale,
         )
         for stage in service.stages()

@@ -67,7 +67,8 @@ class Collect:
 
     def stages(self) -> tuple[Stage, ...]:
         """Return the one stage: the update is sent."""
-        return (Stage("size_mbit", rate="bandwidth_kbps" if self.bandwidth_kbps else None),)
+        rate = "bandwidth_kbps" if self.bandwidth_kbps else None
+        return (Stage("size_mbit", rate=rate, up=True),)
 
     def collecting(self) -> Collecting:
         """Return how updates are kept."""

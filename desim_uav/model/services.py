@@ -48,7 +48,8 @@ class Stage:
     rounded down; a stage of amount 0 is left out. On a link, it is a time in microseconds if it is
     ``timed``, else a volume in millionths of a bit. A stage with a ``rate`` in bit/s holds this
     rate while it is served, and waits until there is bandwidth for it; one without a rate gets what
-    the drones' sharing gives it. On a processor, the amount is in thousandths of a cycle.
+    the drones' sharing gives it. What goes ``up`` is sent by the user, in a band of its own if the
+    radio has one. On a processor, the amount is in thousandths of a cycle.
     """
 
     amount: str
@@ -58,6 +59,7 @@ class Stage:
     per: int = 1
     resource: str = LINK
     scale: int = 1
+    up: bool = False
 
     @property
     def of_bits(self) -> bool:
@@ -218,8 +220,8 @@ def problems_of(service: Any) -> list[str]:
             problems.append(
                 f"stages: {number}: resource: {stage.resource!r} must be one of {allowed}"
             )
-        if stage.resource == PROCESSOR and (stage.timed or stage.rate is not None):
-            problems.append(f"stages: {number}: a processor has neither timed nor a rate")
+        if stage.resource == PROCESSOR and (stage.timed or stage.up or stage.rate is not None):
+            problems.append(f"stages: {number}: a processor has neither timed nor up nor a rate")
         elif stage.timed and stage.rate is None:
             problems.append(f"stages: {number}: needs a rate, because its amount is a time")
         for key, factor in (("per", stage.per), ("scale", stage.scale)):
@@ -340,7 +342,7 @@ class Compute:
         """Return the stages: the link up, the processor and, with a result, the link down."""
         rate = "bandwidth_kbps" if self.bandwidth_kbps else None
         task = (
-            Stage("input_mbit", rate=rate, scale=UBIT_PER_BIT),
+            Stage("input_mbit", rate=rate, scale=UBIT_PER_BIT, up=True),
             Stage("input_mbit", times="cycles_per_bit", resource=PROCESSOR),
         )
         down = (Stage("output_mbit", rate=rate, scale=UBIT_PER_BIT),)

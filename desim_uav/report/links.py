@@ -110,7 +110,7 @@ def _type_content(world: World, number: int) -> dict[str, Any]:
         "capacity_us": own.hover_us(own.capacity) if own.limited else None,
         "capacity_wh": own.capacity / WH_UJ if own.in_joules else None,
         "hover_w": own.drain_per_s / US if own.in_joules else None,
-        "bandwidth_hz": None if unlimited else round(links.bandwidth_hz),
+        "bandwidth_hz": None if unlimited else round(links.both_hz),
         "footprint_m": links.reach_m,
         "processor": _processor(own.drones.processor),
         "rings": rings,

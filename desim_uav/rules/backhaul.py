@@ -22,6 +22,8 @@ from desim_uav.model.backhaul import UNLIMITED_BPS
 from desim_uav.model.services import SHARING
 from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import rare_rule, rule
+from desim_uav.rowcode.rows import Queue
+from desim_uav.rules.bands import count_bands, count_sharing, divide_anew, show_band
 from desim_uav.rules.rows import Constants, Drone, State, User
 
 ASKING = -1
@@ -39,7 +41,16 @@ def divide(world: Constants, state: State, drone: Drone, phase: int) -> None:
     """Let a drone divide its bandwidth, and its backhaul, among requests that share."""
     if has_one(world, drone):
         _propose(world, state, drone, phase)
-    call(world.radios[drone.radio].divide, (world, state, drone, phase))
+    _divide_bands(world, state, drone, phase)
+
+
+@rule
+def _divide_bands(world: Constants, state: State, drone: Drone, phase: int) -> None:
+    """Let a drone divide each of its bands among the requests that share it."""
+    for band in range(count_bands(drone)):
+        show_band(drone, band)
+        if len(drone.sharing) > 0:
+            call(world.radios[drone.radio].divide, (world, state, drone, phase))
 
 
 @rare_rule
@@ -48,9 +59,10 @@ def _propose(world: Constants, state: State, drone: Drone, phase: int) -> None:
 
     Both times they are those of all users, because each depends on the sum.
     """
-    drone.proposed_bps, drone.left_bps, drone.shared_hz = 0, ASKING, 0
-    call(world.radios[drone.radio].divide, (world, state, drone, phase))
-    drone.shared_hz = 0
+    drone.proposed_bps, drone.left_bps = 0, ASKING
+    divide_anew(drone)
+    _divide_bands(world, state, drone, phase)
+    divide_anew(drone)
     drone.left_bps = max(for_sharing_bps(drone), 0)
 
 
@@ -77,18 +89,29 @@ def for_sharing_bps(drone: Drone) -> int:
 @rule
 def for_store_bps(state: State, drone: Drone) -> int:
     """Return what the links of a drone leave of its backhaul for the updates in its store."""
-    left_bps = for_sharing_bps(drone)
-    for k in range(len(drone.sharing)):
-        request = state.users[drone.sharing[k]].request
+    return max(
+        for_sharing_bps(drone)
+        - _shared_bps(state, drone, drone.sharing)
+        - _shared_bps(state, drone, drone.aside.sharing),
+        0,
+    )
+
+
+@rule
+def _shared_bps(state: State, drone: Drone, sharing: Queue[int]) -> int:
+    """Return the sum of the rates of those who share a band of a drone, and are served by it."""
+    shared_bps = 0
+    for k in range(len(sharing)):
+        request = state.users[sharing[k]].request
         if request.server == drone.index:
-            left_bps -= request.rate
-    return max(left_bps, 0)
+            shared_bps += request.rate
+    return shared_bps
 
 
 @rule
 def part_bps(drone: Drone) -> int:
     """Return what a drone's backhaul has for each result that it relays."""
-    return max(drone.free_bps, 0) // (len(drone.sharing) + drone.relayed)
+    return max(drone.free_bps, 0) // (count_sharing(drone) + drone.relayed)
 
 
 @rule

@@ -8,6 +8,7 @@ from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.ages import count_ages
+from desim_uav.rules.bands import clear_lines, reset_bands
 from desim_uav.rules.battery import begin_count, count_charge
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
 from desim_uav.rules.coverage import leave_all, track
@@ -95,14 +96,11 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     if not drone.fallen:
         drone.fallen_x_m = drone.fallen_y_m = 0.0
     drone.respawns = drone.waits = drone.serving = drone.scan = 0
-    drone.free_hz = world.radios[drone.radio].bandwidth_hz
     drone.free_bps = world.radios[drone.radio].backhaul_bps
     drone.proposed_bps = drone.left_bps = drone.relayed = 0
     drone.used_hz = drone.attached_users = drone.command = drone.landed_in = drone.marked_us = 0
     drone.marked_until_us = -1
-    drone.waiting.clear()
-    drone.sharing.clear()
-    drone.shared_hz = drone.regraded = 0
+    reset_bands(world, drone)
     drone.computing.clear()
     drone.moving.clear()
     drone.computes = 0
@@ -305,8 +303,7 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
     for d in range(len(state.senders)):
         sender = state.senders[d]
         sender.serving = 0
-        sender.waiting.clear()
-        sender.sharing.clear()
+        clear_lines(sender)
         sender.computing.clear()
         sender.moving.clear()
         sender.relayed = 0

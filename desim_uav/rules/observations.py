@@ -161,8 +161,9 @@ def write_local(world: Constants, state: State, drone: Drone) -> int:
     for count in range(counts):
         out[k + count] = state.counts[counts * drone.index + count] / users
     k += counts
-    used, bandwidth_hz = 0.0, world.radios[drone.radio].bandwidth_hz
-    if bandwidth_hz >= 0:
+    used, radio = 0.0, world.radios[drone.radio]
+    if radio.bandwidth_hz >= 0:
+        bandwidth_hz = radio.bandwidth_hz + max(radio.uplink_hz, 0)
         used = (observation.used_hz / 1000) / (bandwidth_hz / 1000)
     out[k] = 1.0 - used
     out[k + 1] = 1.0 - state.now_us / world.horizon_us

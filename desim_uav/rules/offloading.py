@@ -9,6 +9,7 @@ from desim_uav.model.offloading import RowOffloading, Shares
 from desim_uav.model.services import COMPUTING
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rule
+from desim_uav.rules.bands import count_sharing, show_band
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.service import rate_bps
 from desim_uav.rules.stages import count_stages
@@ -120,7 +121,7 @@ def offloaded_us(world: Constants, state: State, user: User) -> float:
         if stage.line == COMPUTING:
             total += amount / float(processor.clock) + backlog_us(world, state, drone)
         elif amount > 0.0:
-            rate = 1 if stage.timed else link_bps(world, drone, user, stage.rate)
+            rate = 1 if stage.timed else link_bps(world, drone, user, stage.rate, stage.up)
             if rate == 0:
                 return float("inf")
             total += amount / float(rate)
@@ -128,13 +129,16 @@ def offloaded_us(world: Constants, state: State, user: User) -> float:
 
 
 @rule
-def link_bps(world: Constants, drone: Drone, user: User, held: int) -> int:
-    """Return the rate that a user would get now in bit/s; ``held``: the list of a rate to hold."""
+def link_bps(world: Constants, drone: Drone, user: User, held: int, up: int) -> int:
+    """Return the rate that a user would get now in bit/s; ``held``: the list of a rate to hold.
+
+    ``up`` says whether it is one of uploads.
+    """
     if held >= 0:
         return user.request.drawn[held]
-    sharers = len(drone.sharing) + 1
-    rate = rate_bps(world, drone, user, drone.free_hz // sharers)
-    return min(rate, drone.free_bps // sharers)
+    show_band(drone, up)
+    rate = rate_bps(world, drone, user, drone.free_hz // (len(drone.sharing) + 1))
+    return min(rate, drone.free_bps // (count_sharing(drone) + 1))
 
 
 @rule

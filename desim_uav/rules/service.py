@@ -6,6 +6,7 @@ from desim_uav.model.services import SHARING
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.backhaul import ASKING, is_too_much, part_bps, reduced, relay_of
+from desim_uav.rules.bands import BOTH, count_bands, is_used, show_band
 from desim_uav.rules.credit import credit_service
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, count_outage, end_outage
@@ -49,7 +50,7 @@ def scan_if_used(state: State, drone: Drone) -> None:
 
     The updates in its store might get more of its backhaul.
     """
-    if len(drone.waiting) > 0 or len(drone.sharing) > 0 or state.relays or drone.upload.under_way:
+    if is_used(drone) or state.relays or drone.upload.under_way:
         scan_later(state, drone)
 
 
@@ -226,6 +227,7 @@ def stop(state: State, user: User, phase: int) -> None:
     user.share = progress_of(state, user, request.done)
     drone.used_hz -= request.used_hz
     if not request.queued:
+        show_band(drone, request.up)
         drone.free_hz += request.used_hz
         _hold_bps(state, drone, user, -request.bandwidth_bps)
     drone.served[request.service] -= 1
@@ -240,6 +242,7 @@ def regrade(world: Constants, state: State, drone: Drone, user: User) -> None:
     all changes of the instant have happened (see ``suspend``).
     """
     request = user.request
+    show_band(drone, request.up)
     request.needs_hz = needed_hz(world, drone, user, request.bandwidth_bps)
     if request.server >= 0 and not request.queued:
         count_service(state, request)
@@ -260,17 +263,27 @@ def regrade(world: Constants, state: State, drone: Drone, user: User) -> None:
 def suspend(world: Constants, state: State, drone: Drone, phase: int) -> None:
     """Let the requests that a drone admitted last wait until the others fit.
 
-    They have to fit into its bandwidth and its backhaul.
+    They have to fit into its bandwidth, each into that of its band, and into its backhaul.
     """
-    while drone.free_hz < 0 <= world.radios[drone.radio].bandwidth_hz or drone.free_bps < 0:
-        last = _admitted_last(state, drone)
-        stop(state, last, phase)
-        wait(world, state, drone, last)
+    for band in range(count_bands(drone)):
+        show_band(drone, band)
+        while drone.free_hz < 0 <= world.radios[drone.radio].bandwidth_hz:
+            _suspend_last(world, state, drone, drone.band, phase)
+    while drone.free_bps < 0:
+        _suspend_last(world, state, drone, BOTH, phase)
 
 
 @rule
-def _admitted_last(state: State, drone: Drone) -> User:
-    """Return the user whose held request a drone has begun to serve last.
+def _suspend_last(world: Constants, state: State, drone: Drone, band: int, phase: int) -> None:
+    """Let the request that a drone admitted last wait, of those in a band or in BOTH."""
+    last = _admitted_last(state, drone, band)
+    stop(state, last, phase)
+    wait(world, state, drone, last)
+
+
+@rule
+def _admitted_last(state: State, drone: Drone, band: int) -> User:
+    """Return the user whose held request a drone has begun to serve last, in a band or in BOTH.
 
     Of several, it is the one that was made last (ties: the highest user's), because a drone admits
     the requests of an instant in the order in which they were made.
@@ -278,7 +291,9 @@ def _admitted_last(state: State, drone: Drone) -> User:
     last = -1
     for u in range(len(state.users)):
         request = state.users[u].request
-        if request.server == drone.index and not request.queued:
+        if request.server != drone.index or request.queued:
+            continue
+        if band in (BOTH, request.up):
             before = state.users[max(last, 0)].request
             later = request.started_us > before.started_us or (
                 request.started_us == before.started_us
@@ -298,7 +313,7 @@ def forget_request(request: Request) -> None:
     request.number = request.server = -1
     request.service = request.t_request_us = request.required = request.done = request.rate = 0
     request.stage = request.stages = request.line = request.queued = request.bandwidth_bps = 0
-    request.needs_hz = request.used_hz = request.served_us = request.attached_us = 0
+    request.up = request.needs_hz = request.used_hz = request.served_us = request.attached_us = 0
     request.interruptions = request.t_first_us = request.started_us = request.counted_us = 0
     request.stopped_us = request.last_server = request.credited = 0
     for k in range(len(request.drawn)):

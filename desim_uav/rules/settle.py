@@ -7,6 +7,13 @@ from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules.association import settle_levels
 from desim_uav.rules.attachment import attach, entered_first
 from desim_uav.rules.backhaul import divide
+from desim_uav.rules.bands import (
+    count_bands,
+    count_sharing,
+    is_used,
+    lacks_bandwidth,
+    show_band,
+)
 from desim_uav.rules.battery import type_of
 from desim_uav.rules.classes import retune
 from desim_uav.rules.delivery import send_stored
@@ -87,8 +94,8 @@ def _settle_all(
             _make_ready(world, state, drone, attachment)
             drone.scan = 0
             state.to_scan -= 1
-            call(type_of(world, drone).scan, (world, path, state, drone, admission))
-            if len(drone.sharing) > 0:
+            _admit(world, path, state, drone, admission)
+            if count_sharing(drone) > 0:
                 divide(world, state, drone, admission)
             if drone.computes and len(drone.computing) > 0:
                 process = world.processors[drone.radio].process
@@ -103,9 +110,17 @@ def _settle_all(
 
 
 @rule
+def _admit(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
+    """Let a drone admit requests that wait, to each of its bands."""
+    for band in range(count_bands(drone)):
+        show_band(drone, band)
+        call(type_of(world, drone).scan, (world, path, state, drone, phase))
+
+
+@rule
 def _make_ready(world: Constants, state: State, drone: Drone, attachment: int) -> None:
     """Suspend what a drone can no longer hold, and let in what its store has room for again."""
-    if (state.keeps_links and drone.free_hz < 0) or drone.free_bps < 0:
+    if (state.keeps_links and lacks_bandwidth(drone)) or drone.free_bps < 0:
         suspend(world, state, drone, attachment)
     if state.keeps_sensors and drone.crowded:
         offer_room(world, state, drone)
@@ -123,11 +138,11 @@ def _admit_first(
         drone = state.senders[d]
         if len(drone.moving) > 0:
             scan_later(state, drone)
-        if len(drone.waiting) == 0 and len(drone.sharing) == 0 and not drone.crowded:
+        if not is_used(drone) and not drone.crowded:
             continue
         scan_later(state, drone)
         _make_ready(world, state, drone, attachment)
-        call(type_of(world, drone).scan, (world, path, state, drone, admission))
+        _admit(world, path, state, drone, admission)
 
 
 @apart

@@ -14,6 +14,7 @@ from desim_uav.model.services import COMPUTING, MOVING, SHARING, WAITING
 from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rowcode.rows import Queue, Table
 from desim_uav.rules.backhaul import relay_of
+from desim_uav.rules.bands import show_band
 from desim_uav.rules.rows import Closed, Constants, Drone, Path, Request, State, User
 
 
@@ -79,7 +80,7 @@ def _begin_stage(
         stage = world.stages[world.first_stages[request.service] + k]
         amount = part_of(drawn_amount(stage, values, first), part)
         if amount > 0:
-            request.stage, request.line = k, stage.line
+            request.stage, request.line, request.up = k, stage.line, stage.up
             request.required, request.done, request.credited = amount, 0, 0
             request.bandwidth_bps = values[first + stage.rate] if stage.rate >= 0 else 0
             request.rate = 1 if stage.timed else request.bandwidth_bps
@@ -134,6 +135,7 @@ def scan_later(state: State, drone: Drone) -> None:
 def join(state: State, drone: Drone, user: User) -> None:
     """Let a user's request stand in the line of a drone's link that its stage needs."""
     user.request.queued = 1
+    show_band(drone, user.request.up)
     if user.request.line == SHARING:
         _insert(state, drone.sharing, user)
         _count_relayed(state, drone, user, 1)
@@ -147,6 +149,7 @@ def leave(state: State, drone: Drone, user: User) -> None:
     """Remove a user's request from the line of a drone if it stands there."""
     if user.request.queued:
         user.request.queued = 0
+        show_band(drone, user.request.up)
         if user.request.line == SHARING:
             drone.sharing.remove(user.index)
             _count_relayed(state, drone, user, -1)

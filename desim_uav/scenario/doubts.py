@@ -91,17 +91,10 @@ def batteries_are_meant(scenario: Scenario) -> Iterator[str]:
 
 def losses_are_of_the_carrier(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about path losses that were fitted at a carrier far from the radio's."""
-    radios: list[tuple[KeyPath, Any]] = [
-        ((*path, "radio"), one.radio)
-        for path, one in zip(scenario.fleet_keys, scenario.fleet, strict=True)
-    ]
-    radios += [
-        (("access_points", k, "radio"), one.radio) for k, one in enumerate(scenario.access_points)
-    ]
-    for path, radio in radios:
+    for path, radio in _radios(scenario):
         own = getattr(getattr(radio, "path_loss", None), "doubts", None)
         for doubt in own(radio.carrier_ghz) if own else ():
-            yield f"{'.'.join(map(str, path))}.path_loss: {doubt}"
+            yield f"{_text_of(path)}.path_loss: {doubt}"
 
 
 def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
@@ -181,6 +174,18 @@ def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
             )
 
 
+def something_is_uploaded(scenario: Scenario) -> Iterator[str]:
+    """Yield warnings about bands for uploads where no service has any."""
+    if any(stage.up for service in scenario.services.values() for stage in service.stages()):
+        return
+    for path, radio in _radios(scenario):
+        if getattr(radio, "uplink_mhz", None) is not None:
+            yield (
+                f"{_text_of(path)}.uplink_mhz: {radio.uplink_mhz:g}: this band is idle, because no "
+                "service has uploads (inputs of kind compute, or updates of kind collect)"
+            )
+
+
 def deadlines_can_be_met(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about deadlines that even the fastest task misses if it has all it needs."""
     most_bps, clock = scenario.most_bps, scenario.most_clock
@@ -236,6 +241,7 @@ DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     places_are_in_metres,
     zones_stand_in_the_way,
     services_fit_the_bandwidth,
+    something_is_uploaded,
     deadlines_can_be_met,
     tasks_can_migrate,
     losses_have_bounds,
@@ -245,6 +251,14 @@ DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
 def _groups(scenario: Scenario) -> Iterator[tuple[KeyPath, Users]]:
     """Yield the groups of users, each with its key."""
     yield from zip(scenario.user_keys, scenario.user_groups, strict=True)
+
+
+def _radios(scenario: Scenario) -> Iterator[tuple[KeyPath, Any]]:
+    """Yield the radios of drones and of access points, each with its key."""
+    for path, one in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        yield (*path, "radio"), one.radio
+    for k, point in enumerate(scenario.access_points):
+        yield ("access_points", k, "radio"), point.radio
 
 
 def _text_of(key: KeyPath) -> str:

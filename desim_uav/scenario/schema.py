@@ -384,7 +384,8 @@ class Scenario(Section):
                 type(one).__module__.startswith("desim_uav.") for one in (radio, radio.sharing)
             ):
                 return 0
-            rate = radio.bandwidth_hz(kbps) * max(radio.efficiencies()) / 1e6
+            widest_hz = max(radio.bandwidth_hz(kbps), getattr(radio, "uplink_hz", None) or 0)
+            rate = widest_hz * max(radio.efficiencies()) / 1e6
             most = max(most, rate if backhaul is None else min(rate, backhaul.capacity_bps))
         return 0 if math.isinf(most) else math.ceil(most)
 

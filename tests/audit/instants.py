@@ -136,14 +136,16 @@ def _admission(simulation: Simulation, record: InstantRecord) -> None:
         drone = state.senders[number]
         new = [users[user].request for d, user in record.served if d == number]
         new = [one for one in new if one.server == number and one.started_us == state.now_us]
-        for user in drone.waiting:
+        lines = [(user, band) for band in (drone, drone.aside) for user in band.waiting]
+        for user, band in lines:
             request = users[user].request
             if state.relays and state.tasks[user].site not in (-1, number):
                 continue  # it may wait for the backhaul of another drone
             later = [one for one in new if not one.queued and _place(one) > _place(request)]
-            later_hz = sum(one.used_hz for one in later)
-            later_bps = sum(one.bandwidth_bps for one in later)
-            too_wide = request.needs_hz > drone.free_hz + later_hz
+            beside = [one for one in later if drone.band < 0 or one.up == request.up]
+            later_hz = sum(one.used_hz for one in beside)
+            later_bps = sum(one.bandwidth_bps for one in beside)
+            too_wide = request.needs_hz > band.free_hz + later_hz
             too_fast = request.bandwidth_bps > drone.free_bps + later_bps
             waits = later_hz == 0 or too_wide or too_fast
             assert waits, f"user {user} waits behind those who asked later at drone {number}"

@@ -17,9 +17,11 @@ from desim_uav.model.backhaul import UNLIMITED_BPS
 from desim_uav.model.catalogue import drawn_amount
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.services import COMPUTING, MOVING, SHARING
+from desim_uav.rules.bands import BOTH, DOWN, UP
 from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User
+from desim_uav.rules.rows.drones import Band
 from desim_uav.rules.words import CHARGING, CRASHED, FLYING, IN_QUEUE
 from tests.audit.instants import audit_instant
 from tests.audit.lines import audit_lines
@@ -90,21 +92,40 @@ def _bandwidth(world: Constants, state: State, drone: Drone) -> None:
         for user in state.users
         if user.request.number >= 0 and user.request.server == drone.index
     ]
-    used_hz = sum(request.used_hz for request in served)
-    held_hz = sum(request.used_hz for request in served if not request.queued)
+    radio, used_hz = world.radios[drone.radio], sum(request.used_hz for request in served)
     assert used_hz == drone.used_hz, f"bandwidth of {drone.index}"
-    bandwidth_hz = world.radios[drone.radio].bandwidth_hz
-    if bandwidth_hz >= 0:
-        assert drone.free_hz == bandwidth_hz - held_hz, f"bandwidth of {drone.index}"
-        assert drone.scan or drone.free_hz >= 0, f"bandwidth of {drone.index}"
-        assert drone.scan or used_hz <= bandwidth_hz, f"shares of {drone.index}"
+    if radio.uplink_hz < 0:
+        assert drone.band == BOTH and drone.aside.free_hz == 0, f"bands of {drone.index}"
+        assert not drone.aside.waiting and not drone.aside.sharing, f"bands of {drone.index}"
+        _band(state, drone, drone, radio.bandwidth_hz, served)
+    else:
+        widths_hz = {DOWN: radio.bandwidth_hz, UP: radio.uplink_hz}
+        other = UP if drone.band == DOWN else DOWN
+        for band, number in ((drone, drone.band), (drone.aside, other)):
+            lines = [state.users[user].request for user in (*band.waiting, *band.sharing)]
+            in_lines = [one.up for one in lines if one.number >= 0]
+            assert set(in_lines) <= {number}, f"lines of band {number} of {drone.index}"
+            own = [request for request in served if request.up == number]
+            _band(state, drone, band, widths_hz[number], own)
     _backhaul(world, state, drone, served)
     assert [sum(r.service == s for r in served) for s in range(world.services)] == drone.served
     if drone.mode != FLYING:
         linked = [request for request in served if request.line <= SHARING]
         assert not linked, f"drone {drone.index} serves in mode {drone.mode}"
         assert drone.attached_users == 0, f"drone {drone.index} holds users in mode {drone.mode}"
-        assert not drone.waiting and not drone.sharing
+        assert not any((drone.waiting, drone.sharing, drone.aside.waiting, drone.aside.sharing))
+
+
+def _band(
+    state: State, drone: Drone, band: Drone | Band, width_hz: int, served: Sequence[Request]
+) -> None:
+    """Check that what is served in a band of a drone adds up, and fits."""
+    held_hz = sum(request.used_hz for request in served if not request.queued)
+    if width_hz >= 0:
+        assert band.free_hz == width_hz - held_hz, f"bandwidth of {drone.index}"
+        assert drone.scan or band.free_hz >= 0, f"bandwidth of {drone.index}"
+        used_hz = sum(request.used_hz for request in served)
+        assert drone.scan or used_hz <= width_hz, f"shares of {drone.index}"
 
 
 def _backhaul(world: Constants, state: State, drone: Drone, served: Sequence[Request]) -> None:
@@ -120,7 +141,8 @@ def _backhaul(world: Constants, state: State, drone: Drone, served: Sequence[Req
     lines = (SHARING, MOVING)
     shared = [request.rate for request in over if request.queued and request.line in lines]
     assert drone.free_bps == capacity_bps - held_bps, f"backhaul of {drone.index}"
-    coming = [user for sender in state.senders for user in sender.sharing if sender is not drone]
+    others = [sender for sender in state.senders if sender is not drone]
+    coming = [user for one in others for user in (*one.sharing, *one.aside.sharing)]
     coming = [user for user in coming if _site(state, state.users[user]) == drone.index]
     moving = [user for sender in state.senders for user in sender.moving]
     coming += [user for user in moving if drone.index in _ways(state, state.users[user])]
@@ -137,8 +159,9 @@ def _backhaul(world: Constants, state: State, drone: Drone, served: Sequence[Req
     assert left_bps >= drone.upload.rate, f"backhaul of {drone.index}"
     if uploads and not (state.relays or state.terminated or state.truncated):
         assert drone.upload.rate == left_bps, f"backhaul of {drone.index} is idle"
-    if drone.sharing and drone.proposed_bps > drone.free_bps and not state.relays:
-        assert left_bps <= len(drone.sharing), f"backhaul of {drone.index}: {left_bps} bit/s left"
+    sharers = len(drone.sharing) + len(drone.aside.sharing)
+    if sharers and drone.proposed_bps > drone.free_bps and not state.relays:
+        assert left_bps <= sharers, f"backhaul of {drone.index}: {left_bps} bit/s left"
 
 
 def _site(state: State, user: User) -> int:
@@ -195,8 +218,9 @@ def _one_state(world: Constants, state: State, user: User) -> None:
     A request for a processor does not, and the result of a task may wait for another drone.
     """
     request, holder = user.request, user.holder
-    queues = [drone.index for drone in state.senders if user.index in drone.waiting]
-    shares = [drone.index for drone in state.senders if user.index in drone.sharing]
+    bands = [(drone.index, band) for drone in state.senders for band in (drone, drone.aside)]
+    queues = [d for d, band in bands if user.index in band.waiting]
+    shares = [d for d, band in bands if user.index in band.sharing]
     if request.number < 0:
         assert not queues and not shares, "a user waits without a request"
         return

@@ -14,11 +14,14 @@ from desim_uav.engine.base import EpisodeLog
 from desim_uav.model.services import SHARING
 from desim_uav.registry import kind_name
 from desim_uav.rules.admission import FirstCome
+from desim_uav.rules.bands import BOTH
 from desim_uav.rules.rows import Constants, Drone, State, User
+from desim_uav.rules.rows.drones import Band
 
 if TYPE_CHECKING:
     from desim_uav.engine.des import Simulation
 
+LINES = ("sharing", "waiting")
 BUILT_IN = {"equal", "proportional_fair", "max_min", "max_rate"}
 
 
@@ -109,9 +112,10 @@ def _visit(record: LineRecord, senders: dict[int, int]) -> None:
 
 def _count(state: State, drone: Drone) -> int:
     """How many requests a sender has at its links by its own lines and counts."""
-    in_lines = [*drone.sharing, *drone.computing, *drone.moving]
+    sharing, waiting = ([*getattr(drone, line), *getattr(drone.aside, line)] for line in LINES)
+    in_lines = [*sharing, *drone.computing, *drone.moving]
     served = sum(state.users[user].request.server == drone.index for user in in_lines)
-    return len(drone.waiting) + len(drone.sharing) + sum(drone.served) - served
+    return len(waiting) + len(sharing) + sum(drone.served) - served
 
 
 def _never_idle(simulation: Simulation, drone: Drone) -> None:
@@ -119,27 +123,40 @@ def _never_idle(simulation: Simulation, drone: Drone) -> None:
 
     Whole hertz are left where these are divided, less than one for each who shares.
     """
+    world = simulation.constants
+    radio = world.radios[drone.radio]
+    if drone.band == BOTH:
+        _band_never_idle(simulation, drone, drone, radio.bandwidth_hz)
+        return
+    widths_hz = radio.bandwidth_hz, radio.uplink_hz
+    _band_never_idle(simulation, drone, drone, widths_hz[drone.band])
+    _band_never_idle(simulation, drone, drone.aside, widths_hz[1 - drone.band])
+
+
+def _band_never_idle(
+    simulation: Simulation, drone: Drone, band: Drone | Band, width_hz: int
+) -> None:
+    """Check a band of a sender (see ``_never_idle``)."""
     world, state = simulation.constants, simulation.state
     radio = simulation.world.links[drone.radio].radio
     admission = simulation.world.scenario.fleet[drone.type].admission if drone.point < 0 else None
-    there = [state.users[user] for user in drone.waiting]
     if isinstance(admission, FirstCome):
-        for user in there:
+        for user in (state.users[number] for number in band.waiting):
             request = user.request
             if state.relays and state.tasks[user.index].site not in (-1, drone.index):
                 continue  # it may wait for the backhaul of another drone
-            fits = request.needs_hz <= drone.free_hz or world.radios[drone.radio].bandwidth_hz < 0
+            fits = request.needs_hz <= band.free_hz or width_hz < 0
             fits = fits and request.bandwidth_bps <= drone.free_bps
             assert not fits, f"user {user.index} waits for an idle link of {drone.index}"
-    sharing = [state.users[user].request for user in drone.sharing]
+    sharing = [state.users[user].request for user in band.sharing]
     if not sharing or not radio.graded or kind_name(radio.sharing) not in BUILT_IN:
         return
     if state.relays or drone.proposed_bps > drone.free_bps:
         return  # the backhaul is full, see tests.audit.invariants
-    left_hz = drone.free_hz - sum(request.used_hz for request in sharing)
+    left_hz = band.free_hz - sum(request.used_hz for request in sharing)
     least_hz = max(
         -(-1_000_000 // world.radios[drone.radio].efficiencies[state.users[u].classes[drone.index]])
-        for u in drone.sharing
+        for u in band.sharing
     )
     most_hz = len(sharing) * (least_hz + 1)
     assert left_hz <= most_hz, f"{left_hz} Hz of {drone.index} are idle beside {len(sharing)}"

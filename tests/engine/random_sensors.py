@@ -7,6 +7,7 @@ from typing import Any
 from desim_uav.world import World
 from tests.engine import random_groups
 from tests.engine.random_parts import Dice, accepted
+from tests.engine.random_tasks import with_uplinks
 
 
 def scenario(seed: int) -> dict[str, Any]:
@@ -34,6 +35,7 @@ def with_sensors(made: dict[str, Any], dice: Dice) -> dict[str, Any]:
     for each in senders if grounded and dice.of(True, False) else ():
         each["backhaul"] = {"kind": "capacity", "kbps": dice.of(80, 700, 700, 6000)}
     made["reward"] = dice.of(made["reward"], {"kind": "age"})
+    with_uplinks(senders, dice)
     return made
 
 

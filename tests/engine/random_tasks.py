@@ -51,7 +51,16 @@ def scenario(seed: int) -> dict[str, Any]:
     if dice.of(True, False):
         for service in services.values():
             service.update({"handover": "migrate"} if service["kind"] == "compute" else {})
+    with_uplinks(senders, dice)
     return made
+
+
+def with_uplinks(senders: list[dict[str, Any]], dice: Dice) -> None:
+    """Give uploads a band of their own, at all radios with classes, at some of them or at none."""
+    likely = dice.of((True,), (True, False), (False,), (False,))
+    for each in senders:
+        if each.get("radio", {}).get("kind") == "link_classes" and dice.of(*likely):
+            each["radio"] = each["radio"] | {"uplink_mhz": dice.of(0.1, 0.4, 2.5)}
 
 
 def relaying(seed: int) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import groupby
@@ -29,9 +29,12 @@ PING_PONG_US = 1_000_000
 
 @dataclass(frozen=True)
 class Band:
-    """The bandwidth of a drone or an access point, how it is shared, and the backhaul behind it."""
+    """The bandwidth of a drone or an access point, how it is shared, and the backhaul behind it.
 
-    hz: float
+    Uploads may have a band of their own: ``hz`` is by whether it is theirs.
+    """
+
+    hz: Mapping[bool, float]
     efficiencies: Sequence[int]
     sharing: str
     backhaul_bps: float
@@ -43,7 +46,14 @@ class Band:
         kind = "".join("_" * (c.isupper() and k > 0) + c.lower() for k, c in enumerate(name))
         capacity_bps = math.inf if backhaul is None else backhaul.capacity_bps
         efficiencies = (0, *radio.efficiencies())
-        return cls(radio.bandwidth_hz(disc_kbps), efficiencies, kind, capacity_bps)
+        hz = {False: radio.bandwidth_hz(disc_kbps)}
+        if getattr(radio, "uplink_mhz", None) is not None:
+            hz[True] = round(radio.uplink_mhz * 1e6)
+        return cls(hz, efficiencies, kind, capacity_bps)
+
+    def is_up(self, work: Work) -> bool:
+        """Whether a request is served in a band for uploads."""
+        return work.part.up and True in self.hz
 
 
 @dataclass
@@ -211,33 +221,45 @@ class LinkReplay:
         """Compute what each served request occupies, and the rates at which it is served."""
         for d, band in enumerate(self.bands):
             held, elastic = self._at(d)
-            free_hz, free_bps = band.hz, band.backhaul_bps
+            free_hz, free_bps = dict(band.hz), band.backhaul_bps
             for user, work in held:
                 if work.server == d:
                     work.hz = self._needed_hz(d, user, work)
                     work.rate = 1 if work.part.timed else work.part.bps
-                    free_hz -= work.hz
+                    free_hz[band.is_up(work)] -= work.hz
                     free_bps -= work.part.bps
-            assert free_hz >= 0, f"drone {d} holds more than its bandwidth at {t_us}"
+            assert min(free_hz.values()) >= 0, f"drone {d} holds more than its bandwidth at {t_us}"
             assert free_bps >= 0, f"drone {d} holds more than its backhaul at {t_us}"
             elastic.sort(key=lambda pair: (pair[1].logged.t_request_us, pair[1].logged.user))
-            efficiencies = [band.efficiencies[user.classes[d]] for user, _ in elastic]
-            if not elastic:
-                continue
-            rates = whole(band.sharing, int(free_hz), efficiencies)
-            part = Fraction(1)
-            if sum(rates) > free_bps:
-                part = Fraction(int(free_bps), sum(rates))
-            for (_, work), rate, efficiency in zip(elastic, rates, efficiencies, strict=True):
+            proposals = [
+                one for up, hz in free_hz.items() for one in self._proposals(d, up, hz, elastic)
+            ]
+            part, total_bps = Fraction(1), sum(rate for _, rate, _ in proposals)
+            if total_bps > free_bps:
+                part = Fraction(int(free_bps), total_bps)
+            for work, rate, proposed_hz in proposals:
                 work.rate = int(rate * part)
                 assert (work.server == d) == (work.rate > 0), f"{work.rate} bit/s at {t_us}"
-                proposed_hz = {
-                    "equal": int(free_hz) // len(rates),
-                    "proportional_fair": int(free_hz) // len(rates),
-                    "max_min": hz_for(rate, efficiency),
-                    "max_rate": int(free_hz),
-                }[band.sharing]
                 work.hz = int(proposed_hz * part)
+
+    def _proposals(
+        self, d: int, up: bool, free_hz: float, elastic: list[tuple[Link, Work]]
+    ) -> list[tuple[Work, int, int]]:
+        """The rate and bandwidth of each elastic request of a band, but for the backhaul."""
+        band = self.bands[d]
+        mine = [(user, work) for user, work in elastic if band.is_up(work) == up]
+        if not mine:
+            return []
+        efficiencies = [band.efficiencies[user.classes[d]] for user, _ in mine]
+        rates = whole(band.sharing, int(free_hz), efficiencies)
+        each_hz = int(free_hz) // len(mine)
+        proposed_hz = {
+            "equal": [each_hz] * len(mine),
+            "proportional_fair": [each_hz] * len(mine),
+            "max_min": list(map(hz_for, rates, efficiencies)),
+            "max_rate": [int(free_hz)] * len(mine),
+        }[band.sharing]
+        return [(work, *own) for (_, work), *own in zip(mine, rates, proposed_hz, strict=True)]
 
     def _at(self, d: int) -> tuple[list[tuple[Link, Work]], list[tuple[Link, Work]]]:
         """The open requests of those attached to a drone, held and elastic ones."""
@@ -260,21 +282,29 @@ class LinkReplay:
         passed = {event[5] for event in events if event[2] == "stage"}  # whose stage ended
         for d, band in enumerate(self.bands):
             held, _ = self._at(d)
-            free_hz = band.hz - sum(work.hz for _, work in held if work.server == d)
-            held_bps = sum(work.part.bps for _, work in held if work.server == d)
+            served = [work for _, work in held if work.server == d]
+            held_hz = Counter[bool]()
+            for work in served:
+                held_hz[band.is_up(work)] += work.hz
+            held_bps = sum(work.part.bps for work in served)
             for user, work in held:
-                in_band = self._needed_hz(d, user, work) <= free_hz
+                up = band.is_up(work)
+                in_band = self._needed_hz(d, user, work) <= band.hz[up] - held_hz[up]
                 fits = in_band and work.part.bps <= band.backhaul_bps - held_bps
                 assert work.server == d or not fits, "it would fit"
-            admitted = {
-                (before[request][1], work.logged.t_request_us, work.logged.user): request in stopped
-                for request, work in ((user.request, work) for user, work in held)
-                if before[request][0] == d and request not in passed
-            }
-            suspended = [place for place, stops in admitted.items() if stops]
-            kept = [place for place, stops in admitted.items() if not stops]
-            if suspended and kept:
-                assert max(kept) < min(suspended), f"not the last admitted waits at {t_us}"
+            for up in band.hz:
+                admitted = {
+                    (before[user.request][1], work.logged.t_request_us, work.logged.user): (
+                        user.request in stopped
+                    )
+                    for user, work in held
+                    if before[user.request][0] == d and user.request not in passed
+                    if band.is_up(work) == up
+                }
+                suspended = [place for place, stops in admitted.items() if stops]
+                kept = [place for place, stops in admitted.items() if not stops]
+                if suspended and kept:
+                    assert max(kept) < min(suspended), f"not the last admitted waits at {t_us}"
 
     def _check_totals(self) -> None:
         """Compare the sums of the episode."""

@@ -11,12 +11,16 @@ from desim_uav.world import World
 
 @dataclass(frozen=True)
 class Part:
-    """A stage: so many microseconds or millionths of a bit, with a rate that is held, or none."""
+    """A stage: so many microseconds or millionths of a bit, with a rate that is held, or none.
+
+    It may go ``up``, in the band of uploads if there is one.
+    """
 
     timed: bool
     amount: int
     bps: int
     shares: bool
+    up: bool
 
 
 def parts_of(world: World, log: EpisodeLog, path: SamplePath | None) -> list[list[Part]]:
@@ -32,7 +36,7 @@ def _parts(
     if len(stages) == 1:
         (stage,) = stages
         shares = stage.rate is None
-        return [Part(stage.timed, request.required, request.bandwidth_bps, shares)]
+        return [Part(stage.timed, request.required, request.bandwidth_bps, shares, stage.up)]
     assert path is not None
     drawn = dict(zip(service.values(), _drawn(log, path, request), strict=False))
     return [
@@ -41,6 +45,7 @@ def _parts(
             drawn[stage.amount] * (drawn[stage.times] if stage.times else 1) // stage.per,
             drawn[stage.rate] if stage.rate else 0,
             stage.rate is None,
+            stage.up,
         )
         for stage in stages
     ]

@@ -6,8 +6,9 @@ import pytest
 
 from desim_uav.sample_path import draw
 from desim_uav.world import World
-from tests.engine.random_parts import accepted
+from tests.engine.random_parts import Dice, accepted
 from tests.engine.random_radio import audited, scenario
+from tests.engine.random_tasks import with_uplinks
 from tests.engine.replay import check_log
 from tests.engine.test_radio_engines import flown
 from tests.selection import by_default
@@ -22,6 +23,7 @@ def world_of(seed: int) -> World:
         held = mapping["drones"]["radio"]["sharing"] == "held"
         own = {"upload": staged(held, seed), "image": staged(held, seed + 1)}
         offered = {name: own.get(name, one) for name, one in mapping["services"].items()}
+        with_uplinks([mapping["drones"], *mapping["access_points"]], Dice(seed + 1_700_000))
         return mapping | {"services": offered}
 
     return accepted(several, seed)

@@ -304,3 +304,16 @@ def test_losses_that_were_fitted_at_another_carrier():
     own = "{kind: al_hourani, a: 9.6, b: 0.16, eta_los_db: 1, eta_nlos_db: 25}"
     for carrier_ghz, loss in ((2, town), (3.5, town), (28, own)):
         assert list(doubts(loads(radio % (carrier_ghz, loss)))) == []
+
+
+def test_a_band_for_uploads_that_nothing_uses():
+    told = "drones: {radio: {kind: link_classes, uplink_mhz: 5}}\n"
+    (doubt,) = [one for one in doubts(loads(told)) if "uplink_mhz" in one]
+    assert doubt == (
+        "drones.radio.uplink_mhz: 5: this band is idle, because no service has uploads (inputs of "
+        "kind compute, or updates of kind collect)"
+    )
+    told = told.replace("uplink_mhz: 5}", "sharing: equal, uplink_mhz: 5}, processor: {}")
+    told += "services: {see: {kind: compute, input_mbit: [1], cycles_per_bit: [9]}}\n"
+    told += "demand: {kind: dynamic, mix: {see: 1}}\nreward: {kind: coverage_battery}\n"
+    assert not list(doubts(loads(told)))

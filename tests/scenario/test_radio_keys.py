@@ -171,6 +171,16 @@ def test_it_can_be_written_and_read_again() -> None:
     assert scenario_hash(loads(text)) == scenario_hash(scenario)
 
 
+def test_no_band_for_uploads_leaves_hashes_as_they_were() -> None:
+    told = "drones: {{radio: {{kind: link_classes{}}}}}"
+    plain, none, some = (
+        scenario_hash(loads(told.format(key)))
+        for key in ("", ", uplink_mhz: null", ", uplink_mhz: 5")
+    )
+    assert plain == none != some
+    assert loads(dump(loads(told.format(", uplink_mhz: 2.5")))).drones.radio.uplink_hz == 2_500_000
+
+
 def test_defaults_and_other_names() -> None:
     links = loads("drones: {radio: {kind: link_classes}}").drones.radio
     assert links == LinkClasses()

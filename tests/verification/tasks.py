@@ -50,6 +50,7 @@ drones:
     bandwidth_mhz: 1000
     classes: [{{snr_db: -50, bit_s_hz: 1}}]
     sharing: {links}
+    uplink_mhz: {uplink}
 stations: {{count: 0}}
 users: {{count: {users}, mobility: {{kind: static}}}}
 services:
@@ -83,6 +84,7 @@ class Queue:
     more: str = ""
     service: str = ""
     links: str = "equal"
+    uplink: str = "null"
 
     def text(self, users: int, step_s: float) -> str:
         """Return the scenario as a file has it. A core does 1e8 cycles in a second."""
@@ -92,6 +94,7 @@ class Queue:
             cores=self.cores,
             sharing=self.sharing,
             links=self.links,
+            uplink=self.uplink,
             users=users,
             service=self.service or task,
             per_hour=self.rate * 3600 / users,
@@ -334,6 +337,22 @@ def tandem(runs: int, quick: bool) -> Iterator[Figure]:
     away_s = max(float(np.abs(one.open_s - other.open_s).max()) for one, other in pairs)
     what = "M/D/1 -> D/1 -> D/1: a task's time in another order, s"
     yield Exact(what, away_s, 0.0, 1e-5, cases=len(pairs))
+    means = [one.open_s.mean() for one in samples(UP_AND_DOWN, runs)]
+    what = "M/D/1 -> D/1 -> D/1 in two bands: mean time, s"
+    yield Estimate.of(what, means, TANDEM_S)
+
+
+UP_AND_DOWN = queue(
+    0.9,
+    FIXED,
+    service="{kind: compute, input_mbit: [320], cycles_per_bit: [0.25], output_mbit: [180]}",
+    links="max_rate",
+    uplink="1000",
+)
+"""Tasks that are sent in 0.32 s, computed in 0.8 s, and come back in 0.18 s.
+
+In one band, the link would be one more queue: inputs would wait for results, and for inputs.
+"""
 
 
 def tandem_of(order: str, slow: str) -> Queue:

@@ -76,5 +76,6 @@ def sums_of(world: World) -> Iterator[Sum]:
             needed_hz = MOST_BPS * MILLION // min(efficiencies, default=MILLION)
             yield Sum(f"{key}.radio", "the bandwidth in use is too large", users * needed_hz)
         else:
-            rate = int(links.bandwidth_hz) * max(efficiencies, default=0)
+            widest_hz = int(max(links.bandwidth_hz, links.uplink_hz or 0))
+            rate = widest_hz * max(efficiencies, default=0)
             yield Sum(f"{key}.radio", "the rate of its bandwidth is too large", rate)

@@ -357,7 +357,7 @@ def _counted(demand: Demand, requests: Requests, services: Catalogue) -> Request
         own = rows[rows[:, SERVICE] == number, DRAWN:]
         amounts = [
             own[:, amount] * (own[:, times] if times >= 0 else 1) * scale // per
-            for _, _, amount, times, per, _, scale in stages
+            for _, _, amount, times, per, *_, scale in stages
         ]
         if len(own) and np.max(amounts, axis=0).min() < 1:
             raise SimulationError(

@@ -48,6 +48,8 @@ class Radio(Protocol):
     def bandwidth_hz(self, kbps: float | None) -> float:
         """Return a drone's bandwidth in Hz, a whole number or inf; ``kbps`` is that of a disc."""
 
+    # A radio whose uploads have a band of their own has ``uplink_hz``, its bandwidth in whole Hz.
+
     def efficiencies(self) -> tuple[int, ...]:
         """Return the millionths of a bit/s that a hertz carries in each class from 1 on."""
 
@@ -157,7 +159,12 @@ class LinkClasses:
         field(default_factory=_held_sharing)
     )
     """How transfers share the bandwidth that other requests leave."""
+    uplink_mhz: Annotated[float, Ge(1e-6), Le(10_000)] | None = None
+    """The bandwidth that uploads have for themselves, beside the other one, in MHz; null means that
+    they share it with all else. Uploads are inputs of tasks, and updates of sensors.
+    """
 
+    later: ClassVar = ("uplink_mhz",)
     graded: ClassVar[bool] = True
     flat: ClassVar[bool] = False
 
@@ -210,6 +217,11 @@ class LinkClasses:
     def bandwidth_hz(self, kbps: float | None) -> float:
         """Return the bandwidth of a drone in whole Hz."""
         return round(self.bandwidth_mhz * MILLION)
+
+    @property
+    def uplink_hz(self) -> int | None:
+        """The bandwidth of uploads in whole Hz, or None."""
+        return None if self.uplink_mhz is None else round(self.uplink_mhz * MILLION)
 
     def efficiencies(self) -> tuple[int, ...]:
         """Return the efficiencies of the classes."""

@@ -12,15 +12,17 @@ from desim_uav.sky.rows import Change, Scene, TransitRow
 class RadioRow(Row):
     """A radio: that of a type of drones, by its number, or after these that of an access point.
 
-    ``bandwidth_hz`` is -1 if it is unlimited, and ``backhaul_bps`` is the capacity of the backhaul
-    (see ``model.backhaul``). ``efficiencies`` has the millionths of a bit/s that a link of each
-    class carries per hertz, class 0 (none) first. If it is ``flat``, the radii of its classes
-    (``Scene.radios``) are the same on all levels. Its links may be ``marked``
-    (``model.radio.marks``). ``divide`` is a function, or in compiled code its address, and
-    ``sharing_values`` is the address of the component's fields.
+    ``bandwidth_hz`` is -1 if it is unlimited, and ``uplink_hz`` is that of uploads, or -1 if they
+    have none of their own. ``backhaul_bps`` is the capacity of the backhaul (``model.backhaul``).
+    ``efficiencies`` has the millionths of a bit/s that a link of each class carries per hertz,
+    class 0 (none) first. If it is ``flat``, the radii of its classes (``Scene.radios``) are the
+    same on all levels. Its links may be ``marked`` (``model.radio.marks``). ``divide`` is a
+    function, or in compiled code its address, and ``sharing_values`` is the address of the
+    component's fields.
     """
 
     bandwidth_hz: int
+    uplink_hz: int
     backhaul_bps: int
     classes: int
     flat: int

@@ -79,6 +79,20 @@ class Course(Row):
 
 
 @row
+class Band(Row):
+    """What a drone keeps of one of its bands while its own fields show the other one.
+
+    See ``Drone``, which has the same fields, and ``rules.bands``.
+    """
+
+    free_hz: int
+    shared_hz: int
+    regraded: Int32
+    waiting: Queue[Int32]
+    sharing: Queue[Int32]
+
+
+@row
 class Drone(Row):
     """A drone on a leg from (x, y, level) to (to_x, to_y, to_level) since ``since_us``.
 
@@ -100,6 +114,8 @@ class Drone(Row):
     bandwidth (``free_hz``) and of the backhaul (``free_bps``), in the same order. All of them have
     their parts of ``shared_hz`` (0: some may not), but for the user whose link has been
     ``regraded`` since (its index plus 1; 0: none), as divisions into equal parts need to know.
+    If uploads have a band of their own, these fields are those of ``band``, and ``aside`` has those
+    of the other one (see ``rules.bands``; -1: all use one band).
     They were given ``proposed_bps`` together, of which ``left_bps`` are left (see
     ``rules.backhaul``); as many results come over its backhaul to users of others, or tasks move
     over it, as are ``relayed``, and share with its requests. ``computing`` holds those whose tasks
@@ -149,6 +165,7 @@ class Drone(Row):
     fallen_y_m: float
     respawns: int
     serving: int
+    band: Int16
     free_hz: int
     used_hz: int
     free_bps: int
@@ -168,6 +185,7 @@ class Drone(Row):
     computes: Int16
     regraded: Int32
     shared_hz: int
+    aside: Band
     power_uw: int
     drawn_us: int
     rest_pj: int

@@ -22,11 +22,12 @@ class Request(Row):
     per microsecond (1, or bit/s) while drone ``server`` serves it, which it has done since
     ``started_us``, at this rate and with a bandwidth of ``used_hz`` since ``counted_us``. While it
     is ``queued``, it stands in the line number ``line`` of its user's drone (see
-    ``model.services``). One that holds the rate ``bandwidth_bps`` needs a bandwidth of ``needs_hz``
-    in its present class. ``credited`` of the stage have been counted in ``rules.credit``. Of its
-    services that lasted more than 0 µs, the first began at ``t_first_us``; the last was by
-    ``last_server`` and ended at ``stopped_us``. ``drawn`` has the values that it has drawn for its
-    stages, if any service of the scenario has several.
+    ``model.services``), and in the band of uploads if it goes ``up`` and there is one. One that
+    holds the rate ``bandwidth_bps`` needs a bandwidth of ``needs_hz`` in its present class.
+    ``credited`` of the stage have been counted in ``rules.credit``. Of its services that lasted
+    more than 0 µs, the first began at ``t_first_us``; the last was by ``last_server`` and ended at
+    ``stopped_us``. ``drawn`` has the values that it has drawn for its stages, if any service of the
+    scenario has several.
     """
 
     number: Int32
@@ -40,6 +41,7 @@ class Request(Row):
     stages: Int16
     line: Int16
     queued: Int16
+    up: Int16
     bandwidth_bps: int
     needs_hz: int
     used_hz: int
