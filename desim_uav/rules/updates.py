@@ -117,6 +117,23 @@ def _close_dropped(world: Constants, path: Path, state: State, user: User, updat
         scan_if_used(state, state.senders[user.holder])
 
 
+@apart
+def refuse_update(
+    world: Constants, path: Path, state: State, drone: Drone, user: User, phase: int
+) -> None:
+    """Drop the update at the head of a sensor's buffer, which a drone turns away for good."""
+    sensor = state.sensors[user.index]
+    update = sensor.buffer[sensor.first]
+    update.sent_us = user.request.t_first_us
+    give_room_back(state, drone, user)
+    close(world, path, state, user, phase, words.ON_REFUSE)
+    sensor.dropped += 1
+    note(state, phase, words.ON_DROP, drone.index, user.index, -1, update.number)
+    log_update(state, update, words.DROPPED, -1, -1)
+    _remove(sensor, 0)
+    _send_next(world, state, user)
+
+
 @rule
 def _remove(sensor: Sensor, k: int) -> None:
     """Remove the update at place k of a sensor's buffer."""

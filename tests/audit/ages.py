@@ -22,6 +22,7 @@ from desim_uav.world import World
 
 US = 1_000_000
 DELIVERED, DROPPED, LOST, BUFFERED, STORED = "delivered", "dropped", "lost", "buffered", "stored"
+UNSENT = {"unfinished", "never_served"}
 FATES = (DELIVERED, DROPPED, LOST, BUFFERED, STORED)
 
 
@@ -95,13 +96,14 @@ def audit_updates(
         rows = sensors[sensors["episode"] == number].to_dict("records")
         assert set(own["user"]) <= {row["user"] for row in rows}, "updates of no sensor"
         until = us(episode["duration_s"])
+        refused = _refused(own, requests)
         courses = {}
         for row in rows:
             mine = [_update(one) for one in own[own["user"] == row["user"]].to_dict("records")]
             keys = services[row["service"]]
             assert set(own[own["user"] == row["user"]]["service"]) <= {row["service"]}
             _times(mine, until)
-            _buffer(mine, keys)
+            _buffer([one for one in mine if one.number not in refused], keys)
             courses[row["user"]] = _sensor(mine, row, keys, until)
         _episode(episode, rows, courses, own)
         if requests is not None:
@@ -115,6 +117,14 @@ def audit_logs(logs: Sequence[EpisodeLog], world: World) -> None:
     sensors, updates = tables.sensors_table(logs, world), tables.updates_table(logs, world)
     keys = to_plain(world.scenario)["services"]
     audit_updates(updates, sensors, episodes, keys, requests)
+
+
+def _refused(own: pd.DataFrame, requests: pd.DataFrame | None) -> set[int]:
+    """Updates that were dropped because a drone has refused their requests."""
+    if requests is None:
+        return set()
+    both = own[own["fate"] == DROPPED].merge(requests, on=["episode", "request_id"])
+    return set(both[both["outcome"].isin(UNSENT)]["update"])
 
 
 def us(time_s: float) -> int:
@@ -207,7 +217,7 @@ def _requests(
     asked = own[own["request_id"].notna()]
     both = asked.merge(there, on="request_id", suffixes=("", "_of_request"))
     assert len(both) == len(asked) == len(there), "updates and requests"
-    ends = {DROPPED: {"dropped"}, BUFFERED: {"unfinished", "never_served"}}
+    ends = {DROPPED: {"dropped", *UNSENT}, BUFFERED: UNSENT}
     for one in both.to_dict("records"):
         what = f"update {one['update']} and its request"
         assert one["user"] == one["user_of_request"], what

@@ -17,7 +17,8 @@ from desim_uav.rules.words import FATES
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.engine.helpers import Ask, fly, path_of, radio, seen, strip
+from tests.audit.ages import audit_logs
+from tests.engine.helpers import Ask, Flight, fly, path_of, radio, seen, strip
 from tests.engine.test_offloading import AWAY
 from tests.engine.test_transfers import FAR
 
@@ -323,6 +324,41 @@ def test_a_crash_loses_what_is_stored() -> None:
     ]
     (sensor,) = log.sensors
     assert (sensor.lost, sensor.delivered, sensor.area_us2) == (1, 0, 240**2 * US * US)
+
+
+def test_an_update_that_is_turned_away_is_never_tried_again() -> None:
+    """Rates above 500 kbit/s are refused: here the second of three; then the third one is sent.
+
+    The store has room for 3.5 Mbit, of which the refused one gives 2 back.
+    """
+    admission = {"kind": "tests.engine.test_own_components:Smallest", "limit_bps": 500_000}
+    world = carrying([NEAR], drones={"admission": admission, "store_mbit": 3.5})
+    log = fly(world, path_of(world, {0: [held(5, 1, 200), held(6, 2, 800), held(7, 1, 200)]}))
+    assert fates(log) == [("stored", 240), ("dropped", 10), ("stored", 240)]
+    assert [(one.sent_us, one.received_us) for one in log.updates] == [
+        (5 * US, 10 * US), (-1, -1), (10 * US, 15 * US),
+    ]  # fmt: skip
+    assert [(e[0], *e[2:6], e[-1]) for e in seen(log, "refuse", "drop")] == [
+        (10 * US, "refuse", 0, 0, 1, -1),
+        (10 * US, "drop", 0, 0, -1, 1),
+    ]
+    assert [one.outcome for one in log.requests] == [
+        Outcome.COMPLETED, Outcome.NEVER_SERVED, Outcome.COMPLETED,
+    ]  # fmt: skip
+    (sensor,) = log.sensors
+    assert (sensor.generated, sensor.dropped, sensor.delivered) == (3, 1, 0)
+    audit_logs([log], world)
+
+
+def test_a_rule_over_objects_turns_updates_away_one_after_the_other() -> None:
+    """The first one takes the whole band; what does not fit at once is refused, one by one."""
+    if Flight.flown_by != "des":
+        pytest.skip("it works on Python objects")
+    world = carrying([NEAR, NEAR], drones={"admission": {"kind": "tests.engine.helpers:Loss"}})
+    asks = {0: [held(5, 10)], 1: [held(6), held(7), held(20)]}
+    log = fly(world, path_of(world, asks))
+    assert fates(log) == [("stored", 240), ("dropped", 6), ("dropped", 7), ("stored", 240)]
+    audit_logs([log], world)
 
 
 def test_the_reward_is_minus_the_mean_age() -> None:
