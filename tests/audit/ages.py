@@ -10,7 +10,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any
 
 import pandas as pd
@@ -103,7 +103,10 @@ def audit_updates(
             keys = services[row["service"]]
             assert set(own[own["user"] == row["user"]]["service"]) <= {row["service"]}
             _times(mine, until)
-            _buffer([one for one in mine if one.number not in refused], keys)
+            if keys.get("preempt") == "all":
+                _replaced(mine, own)
+            else:
+                _buffer([one for one in mine if one.number not in refused], keys)
             courses[row["user"]] = _sensor(mine, row, keys, until)
         _episode(episode, rows, courses, own)
         if requests is not None:
@@ -189,7 +192,8 @@ def _buffer(mine: list[Update], keys: Mapping[str, Any]) -> None:
     left = [one.ended if one.received is None else one.received for one in mine]
     gone, there = sorted(left), list[int]()
     received = [one.received for one in mine if one.received is not None]
-    assert keeps == "last" or received == sorted(received), "overtaken"
+    in_order = keeps == "last" or keys.get("sends", "first") == "first"
+    assert not in_order or received == sorted(received), "overtaken"
     for at, one in enumerate(mine):
         there = [k for k in there if left[k] > one.generated]
         at_once = one.fate == DROPPED and one.ended == one.generated
@@ -208,6 +212,17 @@ def _buffer(mine: list[Update], keys: Mapping[str, Any]) -> None:
             assert unsent or keys.get("preempt", False), f"dropped in transmission: {one}"
 
 
+def _replaced(mine: list[Update], own: pd.DataFrame) -> None:
+    """An update is dropped when another one comes, of any sensor; only the last one waits."""
+    born = {us(t) for t in own["t_generated_s"]}
+    for one, following in pairwise(mine):
+        assert (one.fate != BUFFERED and one.ended <= one.generated) or (
+            (one.received or one.ended) <= following.generated
+        ), f"two updates in a buffer: {one}"
+    for one in mine:
+        assert one.fate != DROPPED or one.ended in born, f"dropped when nothing came: {one}"
+
+
 def _requests(
     own: pd.DataFrame, requests: pd.DataFrame, services: Mapping[str, Mapping[str, Any]]
 ) -> None:
@@ -221,7 +236,9 @@ def _requests(
     for one in both.to_dict("records"):
         what = f"update {one['update']} and its request"
         assert one["user"] == one["user_of_request"], what
-        assert one["t_generated_s"] == one["t_request_s"], what
+        last = services[one["service"]].get("sends") == "last"
+        assert one["t_generated_s"] == one["t_request_s"] or last, what
+        assert one["t_generated_s"] >= one["t_request_s"], what
         _same(None if pd.isna(one["t_sent_s"]) else one["t_sent_s"], one["t_first_service_s"], what)
         assert one["outcome"] in ends.get(one["fate"], {"completed"}), what
         until = one["t_end_s"] if pd.isna(one["t_received_s"]) else one["t_received_s"]

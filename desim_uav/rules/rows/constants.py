@@ -67,6 +67,7 @@ class UpdatesRow(Row):
 
     keeps: int
     preempts: int
+    sends_last: int
     limit_us: int
     ground: int
     wait_us: int
