@@ -184,8 +184,8 @@ def _updates(keeps: Collecting | None) -> UpdatesRow:
     if keeps is None:
         return blank(UpdatesRow)
     limit_us = NEVER if keeps.limit_us is None else keeps.limit_us
-    numbers = (keeps.keeps, int(keeps.preempts), limit_us, int(keeps.ground), keeps.wait_us)
-    return fill(UpdatesRow, numbers)
+    order = (keeps.keeps, keeps.preempts, int(keeps.sends_last))
+    return fill(UpdatesRow, (*order, limit_us, int(keeps.ground), keeps.wait_us))
 
 
 def whole_hz(bandwidth_hz: float) -> int:

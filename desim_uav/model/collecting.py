@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from desim_uav.model.demand.demand import Demand
 from desim_uav.model.rules import US
-from desim_uav.model.services import KEEPS, MICROBITS, MOST_BUFFERED, Collecting, Stage, scaled
+from desim_uav.model.services import (
+    KEEPS,
+    MICROBITS,
+    MOST_BUFFERED,
+    PREEMPTS,
+    Collecting,
+    Stage,
+    scaled,
+)
 from desim_uav.model.updates import UpdatesAtWill
 from desim_uav.registry import ComponentField, register
 
@@ -38,8 +46,15 @@ class Collect:
     """What a full buffer does with a new update: it drops the oldest one that waits (newest), or
     the new one (oldest). With `last`, a new one always replaces all that wait.
     """
-    preempt: bool = False
-    """Whether, with `last`, a new update replaces the one that is being sent, too."""
+    preempt: Literal[False, True, "all"] = False
+    """Whether, with `keeps: last`, a new update replaces the one that is being sent, too. With
+    `all`, it also replaces the updates of all other sensors that are attached to the same drone, if
+    these have `all` as well: the drone is a server with preemption, which several sources share.
+    """
+    sends: Literal["first", "last"] = "first"
+    """Which of the updates that wait in a sensor's buffer is sent next: the first or the last one
+    that was taken. Sending is not interrupted.
+    """
     delivered: Literal["drone", "ground"] = "drone"
     """When an update is delivered: when a drone has received its last bit (drone), or when it has
     passed over that drone's backhaul, or the drone has landed on a station (ground). An access
@@ -56,7 +71,10 @@ class Collect:
                 "update comes to the ground"
             )
         if self.preempt and self.keeps != "last":
-            raise ValueError(f"preempt: true is for keeps: last, and not for keeps: {self.keeps}")
+            raise ValueError(
+                f"preempt: {str(self.preempt).lower()} is for keeps: last, and not for keeps: "
+                f"{self.keeps}"
+            )
 
     def values(self) -> dict[str, NDArray[np.int64]]:
         """Return the sizes in millionths of a bit, and the rates in bit/s (0: none are held)."""
@@ -75,7 +93,8 @@ class Collect:
         limit_us = None if self.age_limit_s is None else round(self.age_limit_s * US)
         ground, wait_us = self.delivered == "ground", getattr(self.updates, "wait_us", 0)
         keeps = KEEPS.index(self.keeps)
-        return Collecting(self.buffer, keeps, self.preempt, limit_us, ground, wait_us)
+        preempts, sends_last = PREEMPTS.index(self.preempt), self.sends == "last"
+        return Collecting(self.buffer, keeps, preempts, sends_last, limit_us, ground, wait_us)
 
 
 @register("demand", "sensing")

@@ -97,6 +97,11 @@ KEEPS = ("newest", "oldest", "last")
 """Which updates a full buffer keeps."""
 NEWEST, OLDEST, LAST = range(len(KEEPS))
 
+PREEMPTS = (False, True, "all")
+"""What a new update replaces that is being sent: nothing, that of its own sensor, or all others."""
+FROM_ALL = 2
+"""The number of the last one of PREEMPTS."""
+
 MOST_BUFFERED = 100_000
 """The largest number of updates that a buffer holds."""
 
@@ -104,14 +109,17 @@ MOST_BUFFERED = 100_000
 class Collecting(NamedTuple):
     """How updates of a service are kept: the size of a buffer, what it keeps, and the age's limit.
 
-    ``keeps`` is the number of one of KEEPS; with LAST, a new update also replaces the one that is
-    being sent if it ``preempts``. Drones carry updates to the ``ground`` to deliver them. Sensors
-    wait until ``wait_us`` after an update was begun to be sent, if they take them at will.
+    ``keeps`` is the number of one of KEEPS, and ``preempts`` of one of PREEMPTS; with LAST, a new
+    update also replaces the one that is being sent, or those of all sensors at its drone. Of those
+    that wait, the last one is sent next if it ``sends_last``. Drones carry updates to the
+    ``ground`` to deliver them. Sensors wait until ``wait_us`` after an update was begun to be sent,
+    if they take them at will.
     """
 
     buffer: int
     keeps: int
-    preempts: bool
+    preempts: int
+    sends_last: bool
     limit_us: int | None
     ground: bool
     wait_us: int

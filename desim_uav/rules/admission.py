@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from desim_uav.model.admission import RowAdmission
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rule
+from desim_uav.rules.ages import is_sensor
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.service import close, fits, serve
+from desim_uav.rules.updates import refuse_update
 from desim_uav.rules.words import ON_REFUSE, OVERBOOKED
 
 
@@ -54,6 +56,13 @@ def admit(world: Constants, state: State, drone: Drone, number: int, phase: int)
 def turn_away(
     world: Constants, path: Path, state: State, drone: Drone, number: int, phase: int
 ) -> None:
-    """Close the waiting request of user ``number``, who is attached to the drone, unserved."""
+    """Close the waiting request of user ``number``, who is attached to the drone, unserved.
+
+    An update of a sensor is dropped, and the next one in its buffer waits in its place.
+    """
+    user = state.users[number]
     drone.waiting.remove(number)
-    close(world, path, state, state.users[number], phase, ON_REFUSE)
+    if is_sensor(state, user):
+        refuse_update(world, path, state, drone, user, phase)
+    else:
+        close(world, path, state, user, phase, ON_REFUSE)

@@ -7,7 +7,7 @@ freshest update that has been delivered.
 
 from __future__ import annotations
 
-from desim_uav.model.services import LAST, OLDEST
+from desim_uav.model.services import FROM_ALL, LAST, OLDEST
 from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rules import words
 from desim_uav.rules.ages import count_age, deliver, is_sensor, log_update
@@ -60,8 +60,21 @@ def take_update(world: Constants, path: Path, state: State, user: User, number: 
     state.generated += 1
     sensor.generated += 1
     note(state, words.REQUEST, words.ON_GENERATE, -1, user.index, -1, update.number)
+    if world.updates[world.senses[user.index]].preempts == FROM_ALL and user.holder >= 0:
+        _replace_others(world, path, state, user)
     _make_room(world, path, state, user)
     _send_next(world, state, user)
+
+
+@rule
+def _replace_others(world: Constants, path: Path, state: State, user: User) -> None:
+    """Drop the updates of other sensors that stand at the drone of a sensor with a new one."""
+    for u in range(len(state.users)):
+        other = state.users[u]
+        if u == user.index or other.holder != user.holder or not is_sensor(state, other):
+            continue
+        if state.sensors[u].count > 0 and world.updates[world.senses[u]].preempts == FROM_ALL:
+            _drop(world, path, state, other, 0)
 
 
 @rule
@@ -72,6 +85,8 @@ def _make_room(world: Constants, path: Path, state: State, user: User) -> None:
     """
     sensor, updates = state.sensors[user.index], world.updates[world.senses[user.index]]
     waiting = int(sensor.count > 1 and _is_being_sent(user))
+    if waiting == 0 and updates.sends_last:
+        waiting = int(sensor.count > 2)  # the head, which waits, is the latest but one
     if updates.keeps == LAST:
         if updates.preempts:
             waiting = 0
@@ -117,6 +132,23 @@ def _close_dropped(world: Constants, path: Path, state: State, user: User, updat
         scan_if_used(state, state.senders[user.holder])
 
 
+@apart
+def refuse_update(
+    world: Constants, path: Path, state: State, drone: Drone, user: User, phase: int
+) -> None:
+    """Drop the update at the head of a sensor's buffer, which a drone turns away for good."""
+    sensor = state.sensors[user.index]
+    update = sensor.buffer[sensor.first]
+    update.sent_us = user.request.t_first_us
+    give_room_back(state, drone, user)
+    close(world, path, state, user, phase, words.ON_REFUSE)
+    sensor.dropped += 1
+    note(state, phase, words.ON_DROP, drone.index, user.index, -1, update.number)
+    log_update(state, update, words.DROPPED, -1, -1)
+    _remove(sensor, 0)
+    _send_next(world, state, user)
+
+
 @rule
 def _remove(sensor: Sensor, k: int) -> None:
     """Remove the update at place k of a sensor's buffer."""
@@ -135,20 +167,58 @@ def _remove(sensor: Sensor, k: int) -> None:
 def _send_next(world: Constants, state: State, user: User) -> None:
     """Open the request of the update at the head of a sensor's buffer, if there is one."""
     sensor, request = state.sensors[user.index], user.request
+    if sensor.count > 1 and world.updates[world.senses[user.index]].sends_last:
+        _put_last_first(world, state, user)
     if sensor.count == 0 or request.number >= 0:
         return
     update = sensor.buffer[sensor.first]
     request.service = world.senses[user.index]
-    for k in range(2, len(request.drawn)):
-        request.drawn[k] = 0
-    request.drawn[0], request.drawn[1] = update.size, update.bps
-    begin_anew(world, request, 1.0)
+    _ask_for(world, user, update)
     begin_request(world, state, user, update.generated_us)
     request.attached_us = max(0, sensor.attached_us - update.attached_us)
     update.request = request.number
     note(state, words.REQUEST, words.ON_REQUEST, -1, user.index, request.number, -1)
     if user.holder >= 0:
         wait(world, state, state.senders[user.holder], user)
+
+
+@rule
+def _ask_for(world: Constants, user: User, update: Update) -> None:
+    """Let a sensor's request be for an update, of which nothing has been sent."""
+    request = user.request
+    for k in range(2, len(request.drawn)):
+        request.drawn[k] = 0
+    request.drawn[0], request.drawn[1] = update.size, update.bps
+    begin_anew(world, request, 1.0)
+
+
+@rule
+def _put_last_first(world: Constants, state: State, user: User) -> None:
+    """Put the latest update of a sensor at the head of its buffer, unless the head is being sent.
+
+    If the head waits, its open request is for the latest update from now on: it keeps its number,
+    its time, and so its place in the line of a drone. The others are in the order of their times.
+    """
+    sensor = state.sensors[user.index]
+    if user.request.number < 0:  # the latest update moves to the free place before all others
+        sensor.first = _place(sensor, len(sensor.buffer) - 1)
+        last = sensor.buffer[_place(sensor, sensor.count)]
+        copy_update(sensor.buffer[sensor.first], last)
+        last.number = -1
+    elif not _is_being_sent(user):
+        head, last = sensor.buffer[sensor.first], sensor.buffer[_place(sensor, sensor.count - 1)]
+        free = sensor.buffer[_place(sensor, sensor.count)]
+        copy_update(free, head)
+        copy_update(head, last)
+        copy_update(last, free)
+        free.number = last.request = -1
+        head.request = user.request.number
+        if user.holder >= 0:
+            leave(state, state.senders[user.holder], user)
+            give_room_back(state, state.senders[user.holder], user)
+        _ask_for(world, user, head)
+        if user.holder >= 0:
+            wait(world, state, state.senders[user.holder], user)
 
 
 # ---- delivery, and the age

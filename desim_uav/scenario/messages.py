@@ -32,6 +32,10 @@ class Complaint(NamedTuple):
     mistaken_for: KeyPath | None = None
 
 
+AS_YAML = {"False": "false", "True": "true"}
+"""How values are written in a scenario."""
+
+
 def complaints(error: ValidationError, draft: ScenarioDraft) -> list[Complaint]:
     """Return the errors of a validation, without those that follow from others."""
     details = error.errors(include_url=False)[:MAX_PROBLEMS]
@@ -214,7 +218,9 @@ def _text(value: object) -> str:
 
 
 def _literal(expected: str, value: object) -> str:
-    options = [option.strip("'") for option in expected.replace(" or ", ", ").split(", ")]
+    options = [
+        AS_YAML.get(one, one.strip("'")) for one in expected.replace(" or ", ", ").split(", ")
+    ]
     hint = did_you_mean(value, options) if isinstance(value, str) else ""
     return f"must be {' or '.join(options)}{hint}"
 

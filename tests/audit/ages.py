@@ -10,7 +10,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any
 
 import pandas as pd
@@ -22,6 +22,7 @@ from desim_uav.world import World
 
 US = 1_000_000
 DELIVERED, DROPPED, LOST, BUFFERED, STORED = "delivered", "dropped", "lost", "buffered", "stored"
+UNSENT = {"unfinished", "never_served"}
 FATES = (DELIVERED, DROPPED, LOST, BUFFERED, STORED)
 
 
@@ -95,13 +96,17 @@ def audit_updates(
         rows = sensors[sensors["episode"] == number].to_dict("records")
         assert set(own["user"]) <= {row["user"] for row in rows}, "updates of no sensor"
         until = us(episode["duration_s"])
+        refused = _refused(own, requests)
         courses = {}
         for row in rows:
             mine = [_update(one) for one in own[own["user"] == row["user"]].to_dict("records")]
             keys = services[row["service"]]
             assert set(own[own["user"] == row["user"]]["service"]) <= {row["service"]}
             _times(mine, until)
-            _buffer(mine, keys)
+            if keys.get("preempt") == "all":
+                _replaced(mine, own)
+            else:
+                _buffer([one for one in mine if one.number not in refused], keys)
             courses[row["user"]] = _sensor(mine, row, keys, until)
         _episode(episode, rows, courses, own)
         if requests is not None:
@@ -115,6 +120,14 @@ def audit_logs(logs: Sequence[EpisodeLog], world: World) -> None:
     sensors, updates = tables.sensors_table(logs, world), tables.updates_table(logs, world)
     keys = to_plain(world.scenario)["services"]
     audit_updates(updates, sensors, episodes, keys, requests)
+
+
+def _refused(own: pd.DataFrame, requests: pd.DataFrame | None) -> set[int]:
+    """Updates that were dropped because a drone has refused their requests."""
+    if requests is None:
+        return set()
+    both = own[own["fate"] == DROPPED].merge(requests, on=["episode", "request_id"])
+    return set(both[both["outcome"].isin(UNSENT)]["update"])
 
 
 def us(time_s: float) -> int:
@@ -179,7 +192,8 @@ def _buffer(mine: list[Update], keys: Mapping[str, Any]) -> None:
     left = [one.ended if one.received is None else one.received for one in mine]
     gone, there = sorted(left), list[int]()
     received = [one.received for one in mine if one.received is not None]
-    assert keeps == "last" or received == sorted(received), "overtaken"
+    in_order = keeps == "last" or keys.get("sends", "first") == "first"
+    assert not in_order or received == sorted(received), "overtaken"
     for at, one in enumerate(mine):
         there = [k for k in there if left[k] > one.generated]
         at_once = one.fate == DROPPED and one.ended == one.generated
@@ -198,6 +212,17 @@ def _buffer(mine: list[Update], keys: Mapping[str, Any]) -> None:
             assert unsent or keys.get("preempt", False), f"dropped in transmission: {one}"
 
 
+def _replaced(mine: list[Update], own: pd.DataFrame) -> None:
+    """An update is dropped when another one comes, of any sensor; only the last one waits."""
+    born = {us(t) for t in own["t_generated_s"]}
+    for one, following in pairwise(mine):
+        assert (one.fate != BUFFERED and one.ended <= one.generated) or (
+            (one.received or one.ended) <= following.generated
+        ), f"two updates in a buffer: {one}"
+    for one in mine:
+        assert one.fate != DROPPED or one.ended in born, f"dropped when nothing came: {one}"
+
+
 def _requests(
     own: pd.DataFrame, requests: pd.DataFrame, services: Mapping[str, Mapping[str, Any]]
 ) -> None:
@@ -207,11 +232,13 @@ def _requests(
     asked = own[own["request_id"].notna()]
     both = asked.merge(there, on="request_id", suffixes=("", "_of_request"))
     assert len(both) == len(asked) == len(there), "updates and requests"
-    ends = {DROPPED: {"dropped"}, BUFFERED: {"unfinished", "never_served"}}
+    ends = {DROPPED: {"dropped", *UNSENT}, BUFFERED: UNSENT}
     for one in both.to_dict("records"):
         what = f"update {one['update']} and its request"
         assert one["user"] == one["user_of_request"], what
-        assert one["t_generated_s"] == one["t_request_s"], what
+        last = services[one["service"]].get("sends") == "last"
+        assert one["t_generated_s"] == one["t_request_s"] or last, what
+        assert one["t_generated_s"] >= one["t_request_s"], what
         _same(None if pd.isna(one["t_sent_s"]) else one["t_sent_s"], one["t_first_service_s"], what)
         assert one["outcome"] in ends.get(one["fate"], {"completed"}), what
         until = one["t_end_s"] if pd.isna(one["t_received_s"]) else one["t_received_s"]

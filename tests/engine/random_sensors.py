@@ -47,7 +47,7 @@ def updates(dice: Dice, held: bool) -> dict[str, Any]:
     if dice.of(True, False, False, False, False) and not held:
         at_will = {"kind": "at_will", "wait_s": dice.of(0, 6)}
         return {"kind": "collect", "updates": at_will, "size_mbit": dice.of([8], [2, 30])}
-    last = {"keeps": "last", "preempt": dice.of(True, False)}
+    last = {"keeps": "last", "preempt": dice.of(True, False, "all")}
     return {
         "kind": "collect",
         "updates": dice.of(
@@ -60,6 +60,7 @@ def updates(dice: Dice, held: bool) -> dict[str, Any]:
         "delivered": dice.of("drone", "ground", "ground"),
         "age_limit_s": dice.of(None, 20, 75),
         **dice.of({"keeps": "newest"}, {"keeps": "oldest"}, last),
+        "sends": dice.of("first", "last"),
         **({"bandwidth_kbps": [150, 600]} if held else {}),
     }
 

@@ -23,9 +23,9 @@ def test_another_queue_has_these_ages() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("part", ["engines_are_equal", "curves", "at_will", "visits"])
+@pytest.mark.parametrize("part", ["engines_are_equal", "curves", "sources", "at_will", "visits"])
 def test_the_simulator_has_these_ages(part: str) -> None:
-    arguments = {"curves": (8, 1), "at_will": (8,), "visits": (8,)}.get(part, ())
+    arguments = {"curves": (8, 1), "sources": (8,), "at_will": (8,), "visits": (8,)}.get(part, ())
     check(getattr(ages, part)(*arguments))
 
 
@@ -38,6 +38,7 @@ def test_the_simulator_has_these_ages(part: str) -> None:
         ((2, "newest", False), [4.0, None, 7.0, 8.0]),
         ((9, "last", False), [4.0, None, 7.0, 8.0]),
         ((9, "last", True), [None, None, 5.0, 6.0]),
+        ((9.0, "newest", False, "last"), [4.0, 10.0, 7.0, 8.0]),
     ],
 )
 def test_a_queue_by_hand(buffer: Any, expected: list[float | None]) -> None:

@@ -15,8 +15,9 @@ from desim_uav.experiment import tables
 from desim_uav.model.rules import Outcome
 from desim_uav.rules.words import FATES
 from desim_uav.sample_path import draw
-from desim_uav.scenario.load import from_mapping
+from desim_uav.scenario.load import from_mapping, to_plain
 from desim_uav.world import World, build_world
+from tests.audit.ages import audit_logs
 from tests.engine.helpers import Ask, Flight, fly, path_of, radio, seen, strip
 from tests.engine.test_offloading import AWAY
 from tests.engine.test_transfers import FAR
@@ -148,6 +149,12 @@ UPDATES = [taken(1), taken(1.2), taken(1.4), taken(1.6)]
             {"buffer": 1, "keeps": "last", "preempt": True},
             "dropped 1.2 dropped 1.4 dropped 1.6 delivered 2.6",
         ),
+        ({"sends": "last"}, "delivered 2 delivered 5 delivered 4 delivered 3"),
+        ({"sends": "last", "buffer": 3}, "delivered 2 dropped 1.6 delivered 4 delivered 3"),
+        (
+            {"sends": "last", "buffer": 3, "keeps": "oldest"},
+            "delivered 2 delivered 4 delivered 3 dropped 1.6",
+        ),
         (
             {"buffer": 3, "keeps": "newest"},
             "delivered 2 dropped 1.6 delivered 3 delivered 4",
@@ -175,6 +182,62 @@ def test_an_update_that_is_replaced_while_it_is_sent_closes_its_request() -> Non
     assert (two.outcome, two.t_end_us) == (Outcome.COMPLETED, 2_250_000)
     assert log.updates[0].sent_us == 1 * US
     assert log.updates[0].received_us == -1
+
+
+def test_an_older_update_that_comes_later_does_not_lower_the_age() -> None:
+    """Updates of 1, 1.2 and 1.6 s are delivered at 2, 4 and 3 s: the age falls twice."""
+    log = log_of(world_of(sends="last"), {0: [taken(1), taken(1.2), taken(1.6)]})
+    assert [(one.before_us, one.after_us) for one in log.updates] == [
+        (2_000_000, 1_000_000), (2_400_000, 2_400_000), (2_000_000, 1_400_000),
+    ]  # fmt: skip
+    (sensor,) = log.sensors
+    assert (sensor.falls, sensor.delivered, sensor.peaks_us) == (2, 3, 4 * US)
+    audit_logs([log], world_of(sends="last"))
+
+
+def test_the_last_update_takes_the_place_of_one_that_waits() -> None:
+    """Sensor 1 asks at 1.2 s, behind sensor 0, and has taken two more updates when its turn comes.
+
+    The last one, which is twice as large, is sent from 2 to 4 s, then those of 1.3 and 1.2 s.
+    """
+    world = world_of(users=(FAR, FAR), sends="last", buffer=3)
+    log = log_of(world, {0: [taken(1)], 1: [taken(1.2), taken(1.3), taken(1.4, 2)]})
+    assert fates(log) == [(("delivered"), t) for t in (2.0, 6.0, 5.0, 4.0)]
+    own = [one for one in log.requests if one.user == 1]
+    assert [(one.request_id, one.t_request_us) for one in own] == [
+        (1, 1_200_000), (2, 1_300_000), (3, 1_200_000),
+    ]  # fmt: skip
+    audit_logs([log], world)
+
+
+def test_the_last_update_needs_its_own_room_and_rate() -> None:
+    """Sensor 1 waits with 0.4 Mbit while sensor 0 holds the band until 7 s, and then has 2 more.
+
+    These do not fit the store, where there is room for 1.5 Mbit more, until 1 Mbit takes their
+    place.
+    """
+    world = carrying([NEAR, NEAR], 3.5)
+    services = to_plain(world.scenario)["services"]
+    services["reading"]["sends"] = "last"
+    world = carrying([NEAR, NEAR], 3.5, services=services)
+    asks = {0: [held(5, 2)], 1: [held(6, 0.4), held(6.5, 2), held(9, 1)]}
+    log = fly(world, path_of(world, asks))
+    assert [one.received_us for one in log.updates] == [7 * US, -1, -1, 10 * US]
+    audit_logs([log], world)
+
+
+@pytest.mark.parametrize("sharing", ["equal", "max_rate"])
+def test_sensors_share_a_server_with_preemption(sharing: str) -> None:
+    """Each update replaces what the drone receives, of its own sensor or of the other one."""
+    world = world_of(users=(FAR, FAR, AWAY), sharing=sharing, keeps="last", preempt="all")
+    asks = {0: [taken(1), taken(4)], 1: [taken(1.5), taken(4.5)], 2: [taken(1.2)]}
+    log = log_of(world, asks)
+    assert fates(log) == [
+        ("dropped", 1.5), ("buffered", 20), ("delivered", 2.5), ("dropped", 4.5),
+        ("delivered", 5.5),
+    ]  # fmt: skip
+    assert [one.outcome for one in log.requests if one.user == 0] == [Outcome.DROPPED] * 2
+    audit_logs([log], world)
 
 
 @pytest.mark.parametrize(("keeps", "kept"), [("newest", [2, 3]), ("oldest", [0, 1]), ("last", [3])])
@@ -323,6 +386,41 @@ def test_a_crash_loses_what_is_stored() -> None:
     ]
     (sensor,) = log.sensors
     assert (sensor.lost, sensor.delivered, sensor.area_us2) == (1, 0, 240**2 * US * US)
+
+
+def test_an_update_that_is_turned_away_is_never_tried_again() -> None:
+    """Rates above 500 kbit/s are refused: here the second of three; then the third one is sent.
+
+    The store has room for 3.5 Mbit, of which the refused one gives 2 back.
+    """
+    admission = {"kind": "tests.engine.test_own_components:Smallest", "limit_bps": 500_000}
+    world = carrying([NEAR], drones={"admission": admission, "store_mbit": 3.5})
+    log = fly(world, path_of(world, {0: [held(5, 1, 200), held(6, 2, 800), held(7, 1, 200)]}))
+    assert fates(log) == [("stored", 240), ("dropped", 10), ("stored", 240)]
+    assert [(one.sent_us, one.received_us) for one in log.updates] == [
+        (5 * US, 10 * US), (-1, -1), (10 * US, 15 * US),
+    ]  # fmt: skip
+    assert [(e[0], *e[2:6], e[-1]) for e in seen(log, "refuse", "drop")] == [
+        (10 * US, "refuse", 0, 0, 1, -1),
+        (10 * US, "drop", 0, 0, -1, 1),
+    ]
+    assert [one.outcome for one in log.requests] == [
+        Outcome.COMPLETED, Outcome.NEVER_SERVED, Outcome.COMPLETED,
+    ]  # fmt: skip
+    (sensor,) = log.sensors
+    assert (sensor.generated, sensor.dropped, sensor.delivered) == (3, 1, 0)
+    audit_logs([log], world)
+
+
+def test_a_rule_over_objects_turns_updates_away_one_after_the_other() -> None:
+    """The first one takes the whole band; what does not fit at once is refused, one by one."""
+    if Flight.flown_by != "des":
+        pytest.skip("it works on Python objects")
+    world = carrying([NEAR, NEAR], drones={"admission": {"kind": "tests.engine.helpers:Loss"}})
+    asks = {0: [held(5, 10)], 1: [held(6), held(7), held(20)]}
+    log = fly(world, path_of(world, asks))
+    assert fates(log) == [("stored", 240), ("dropped", 6), ("dropped", 7), ("stored", 240)]
+    audit_logs([log], world)
 
 
 def test_the_reward_is_minus_the_mean_age() -> None:

@@ -21,6 +21,19 @@ def m_m_1(load: float) -> float:
     return 1 + 1 / load + load**2 / (1 - load)
 
 
+def m_m_1_last_first(load: float) -> float:
+    """Poisson updates, exponential sending, all are kept, and the last one is always sent next.
+
+    The age exceeds a if nothing that was taken after now - a has been sent. So its mean is that of
+    the time from any instant until the first update that is taken later has been sent: one has to
+    be taken; if another one is being sent then, its rest of mean 1 has to be waited for; and the
+    last one that has come by then is sent. The queue at that instant is geometric, and loses one
+    update after the other until the next one comes, so that it is not empty then with probability
+    load^2.
+    """
+    return 1 / load + 1 + load**2
+
+
 def m_d_1(load: float) -> float:
     """Poisson updates, sending in a fixed time, and a buffer for all."""
     return 1 / (2 * (1 - load)) + 0.5 + (1 - load) * math.exp(load) / load

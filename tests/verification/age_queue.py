@@ -17,10 +17,12 @@ def received(
     room: float = INF,
     keeps: Keeps = "newest",
     preempts: bool = False,
+    sends: Literal["first", "last"] = "first",
 ) -> list[float]:
     """Return when each update has been sent whole; infinity if it was dropped.
 
-    ``room`` is how many may wait or be sent together, and ``keeps`` what happens beyond it.
+    ``room`` is how many may wait or be sent together, ``keeps`` what happens beyond it, and
+    ``sends`` which of those that wait is sent next.
     """
     until, buffer, since = [INF] * len(generated), list[int](), 0.0
 
@@ -29,6 +31,8 @@ def received(
         while buffer and since + needs[buffer[0]] <= now:
             since += needs[buffer[0]]
             until[buffer.pop(0)] = since
+            if sends == "last" and buffer:
+                buffer.insert(0, buffer.pop())
 
     for update, now in enumerate(generated):
         send(now)

@@ -25,7 +25,7 @@ from desim_uav.scenario.load import loads
 from desim_uav.world import build_world
 from tests.audit.ages import audit_updates
 from tests.verification import age_laws as laws
-from tests.verification.age_queue import Keeps, mean_age, received
+from tests.verification.age_queue import mean_age, received
 from tests.verification.engines import differences, engines
 from tests.verification.figure import Estimate, Exact, Figure
 from tests.verification.tasks import EXPONENTIAL
@@ -40,6 +40,7 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     yield from queues(5 if quick else 20)
     yield from engines_are_equal()
     yield from curves(runs)
+    yield from sources(runs)
     yield peaks(runs)
     yield from at_will(runs)
     yield from visits(runs)
@@ -90,8 +91,12 @@ def fixed(time: float) -> Draw:
 
 
 ONE = exponential(1.0)
-QUEUES: dict[str, tuple[float, Draw, Draw, float, Keeps, bool]] = {
+QUEUES: dict[str, tuple[Any, ...]] = {
     "M/M/1": (laws.m_m_1(0.5), exponential(0.5), ONE, np.inf, "newest", False),
+    "M/M/1, last first": (
+        *(laws.m_m_1_last_first(0.5), exponential(0.5), ONE),
+        *(np.inf, "newest", False, "last"),
+    ),
     "M/D/1": (laws.m_d_1(0.5), exponential(0.5), fixed(1.0), np.inf, "newest", False),
     "D/M/1": (laws.d_m_1(0.5), fixed(2.0), ONE, np.inf, "newest", False),
     "M/M/1/1": (laws.m_m_1_1(0.5), exponential(0.5), ONE, 1, "oldest", False),
@@ -100,7 +105,9 @@ QUEUES: dict[str, tuple[float, Draw, Draw, float, Keeps, bool]] = {
     "M/M/1/2*, by last": (laws.m_m_1_2_newest(0.5), exponential(0.5), ONE, 9, "last", False),
     "preemptive": (laws.preempted(0.5), exponential(0.5), ONE, 9, "last", True),
 }
-"""Laws at a load of 0.5: the age, times between updates and of sending, and the buffer."""
+"""Laws at a load of 0.5: the age, times between updates and of sending, and what ``received``
+takes of the buffer and the order.
+"""
 
 
 def queues(runs: int, updates: int = 20_000) -> Iterator[Figure]:
@@ -139,6 +146,7 @@ LASTS_S, WARMING_S = 5_000, 500.0
 
 BUFFERS: dict[str, dict[str, Any]] = {
     "all": {"buffer": 1000, "keeps": "newest"},
+    "last first": {"buffer": 1000, "keeps": "newest", "sends": "last"},
     "1": {"buffer": 1, "keeps": "oldest"},
     "2": {"buffer": 2, "keeps": "oldest"},
     "2*": {"buffer": 2, "keeps": "newest"},
@@ -208,7 +216,8 @@ def _again(own: pd.DataFrame, sensor: Sensor) -> None:
     columns = ("t_generated_s", "size_mbit")
     generated, needs = ((own[name] * 1e6).round().astype(int).tolist() for name in columns)
     keys = BUFFERS[sensor.keeps]
-    come = received(generated, needs, keys["buffer"], keys["keeps"], "preempt" in keys)
+    order = ("preempt" in keys, keys.get("sends", "first"))
+    come = received(generated, needs, keys["buffer"], keys["keeps"], *order)
     until = round(LASTS_S * 1e6)
     expected = [t / 1e6 if t <= until else math.inf for t in come]
     assert np.allclose(arrived(own), expected, rtol=0, atol=1e-7), "another queue sends otherwise"
@@ -225,6 +234,10 @@ def lognormal(sigma: float, values: int = 1000) -> np.ndarray:
 Law = Callable[[float], float]
 CURVES: dict[str, tuple[Law, Callable[[float], Sensor], tuple[float, ...]]] = {
     "M/M/1": (laws.m_m_1, lambda load: poisson(load, EXPONENTIAL), (0.5, 0.2, 0.35, 0.65, 0.8)),
+    "M/M/1, last first": (
+        *(laws.m_m_1_last_first, lambda load: poisson(load, EXPONENTIAL, "last first")),
+        (0.5, 0.2, 0.35, 0.65, 0.8),
+    ),
     "M/D/1": (laws.m_d_1, lambda load: poisson(load, [1.0]), (0.5, 0.2, 0.35, 0.65, 0.8)),
     "D/M/1": (laws.d_m_1, lambda load: periodic(load, EXPONENTIAL), (0.5, 0.2, 0.35, 0.65, 0.8)),
     "M/M/1/1": (
@@ -266,6 +279,66 @@ def curves(runs: int, most: int = 5) -> Iterator[Figure]:
             yield Estimate.of(
                 f"{name}, load {load}: age, s", ages_of(sensor(load), runs), law(load)
             )
+
+
+SOURCES = """
+map: {{size_m: [100, 100], cells: [1, 1], dimensions: 2}}
+drones:
+  count: 1
+  battery: null
+  radio:
+    kind: link_classes
+    bandwidth_mhz: 1
+    classes: [{{snr_db: 0, bit_s_hz: 1}}]
+    sharing: equal
+stations: {{count: 0}}
+users:
+- {{name: one, count: 1, mobility: {{kind: static}}, demand: {{kind: sensing, service: one}}}}
+- {{name: two, count: 1, mobility: {{kind: static}}, demand: {{kind: sensing, service: two}}}}
+services:
+  one: {{kind: collect, updates: {one}, size_mbit: {sizes}, keeps: last, preempt: all}}
+  two: {{kind: collect, updates: {two}, size_mbit: {sizes}, keeps: last, preempt: all}}
+episode: {{steps: 1, step_s: {lasts_s}}}
+"""
+"""Two sensors that share a server: an update of either replaces what is being sent."""
+
+
+def shared(loads_of_both: tuple[float, float], lasts_s: float = LASTS_S) -> str:
+    """Return the scenario of two sources with these loads."""
+    one, two = (poisson(load, EXPONENTIAL).updates for load in loads_of_both)
+    sizes = [round(float(size), 6) for size in EXPONENTIAL]
+    return SOURCES.format(one=one, two=two, sizes=sizes, lasts_s=lasts_s)
+
+
+def sources(runs: int) -> Iterator[Figure]:
+    """Yield the ages of sources that share a server with preemption, and compare the engines."""
+    world = build_world(loads(shared((0.25, 0.25), 500)), 0)
+    unlike = [bool(differences(*engines(world, (True,)), seed, 0)) for seed in range(2)]
+    yield Exact("two sources: episodes in which engines differ", sum(unlike), 0, cases=2)
+    for both, users in (((0.25, 0.25), (0,)), ((0.1, 0.7), (0, 1))):
+        flown = flown_of(shared(both), runs)
+        for user in users:
+            ages = []
+            for seed, own in flown.updates.groupby("seed"):
+                if user == 0:
+                    _audit_sources(flown, seed)
+                mine = own[own["user"] == user]
+                ages.append(mean_age(mine["t_generated_s"], arrived(mine), WARMING_S, LASTS_S))
+            what = f"two sources, {both[user]} of a load of {sum(both):g}: age, s"
+            yield Estimate.of(what, ages, laws.preempted(sum(both), both[user]))
+
+
+def _audit_sources(flown: du.RunResult, seed: int) -> None:
+    """Audit a replication: an update is delivered unless another one comes while it is sent."""
+    tables = (flown.updates, flown.sensors, flown.episodes)
+    own, sensors, episodes = (each[each["seed"] == seed] for each in tables)
+    keys = {"keeps": "last", "preempt": "all"}
+    audit_updates(own, sensors, episodes, {"one": keys, "two": keys})
+    born = (own["t_generated_s"] * 1e6).round().astype(int).to_numpy()
+    done = born + (own["size_mbit"] * 1e6).round().astype(int).to_numpy()
+    whole = done <= np.append(born[1:], round(LASTS_S * 1e6))
+    expected = np.where(whole, done / 1e6, np.inf)
+    assert np.allclose(arrived(own), expected, rtol=0, atol=1e-7), "another server sends otherwise"
 
 
 def peaks(runs: int) -> Figure:

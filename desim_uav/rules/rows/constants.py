@@ -70,6 +70,7 @@ class UpdatesRow(Row):
 
     keeps: int
     preempts: int
+    sends_last: int
     limit_us: int
     ground: int
     wait_us: int
