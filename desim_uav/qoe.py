@@ -9,6 +9,7 @@ computes the other columns from them, and ``summary`` averages them. The definit
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from typing import Any
 
@@ -39,6 +40,9 @@ PARTS = ("waiting_s", "sending_s", "computing_s", "own_s")
 """The parts of the delay of tasks, which are means over those that were completed."""
 
 COUNTED = ("interruptions", "handovers")
+WORST_SHARE = 0.1
+"""The share of users, those with the lowest QoE1, of which there is a mean of their own."""
+
 TOLERANCE_S = 1e-6
 GROUPS: dict[str, type] = {
     "service": str,
@@ -162,11 +166,21 @@ class Totals:
         self._counts = dict.fromkeys((*COUNTED, *OUTCOMES), 0)
         self._fairness = Fairness()
         self._tasks: Tasks | None = None
+        self.delivered_mbit: float | None = None
+        """The volume that was delivered; None if no service asks for a volume."""
+
+    @property
+    def tasks_done(self) -> int | None:
+        """How many tasks were completed; None if no service has tasks."""
+        return None if self._tasks is None else self._tasks.done
 
     def add(self, requests: pd.DataFrame) -> Totals:
         """Add requests; itself."""
         if "late" in requests:
             self._tasks = (self._tasks or Tasks()).add(requests)
+        if "delivered_mbit" in requests:
+            before_mbit = self.delivered_mbit or 0.0
+            self.delivered_mbit = before_mbit + float(requests["delivered_mbit"].sum())
         column = {name: requests[name].to_numpy() for name in SUMMED}
         self._count += len(requests)
         for name, (source, factor) in AVERAGED.items():
@@ -196,6 +210,7 @@ class Totals:
             "completion_s": means["completion_s"],
             **{name: self._counts[name] for name in COUNTED},
             "fairness": self._fairness.value(),
+            "worst_tenth_qoe1_percent": self._fairness.worst_tenth_percent(),
             **{outcome: self._counts[outcome] for outcome in OUTCOMES},
             **(self._tasks.summary() if self._tasks else {}),
         }
@@ -208,10 +223,14 @@ class Tasks:
         self._delays: list[NDArray[np.float64]] = []
         self._parts = {name: Mean() for name in PARTS}
         self._met = self._late = self._dropped = self._restarts = 0
+        self.done = 0
+        self._user_j: float | None = None
+        self._done_by_users_with_own = 0
 
     def add(self, requests: pd.DataFrame) -> Tasks:
         """Add requests; itself."""
         done = requests[requests["outcome"] == "completed"]
+        self.done += int((done["gigacycles"] > 0.0).sum())
         self._delays.append(done["completion_s"].to_numpy())
         for name, mean in self._parts.items():
             mean.add(done[name].to_numpy())
@@ -220,6 +239,10 @@ class Tasks:
         self._met += int((~late).sum())
         self._dropped += int((requests["outcome"] == LATE).sum())
         self._restarts += int(requests["restarts"].sum())
+        if "user_j" in requests:
+            self._user_j = (self._user_j or 0.0) + float(requests["user_j"].sum())
+            own = (done["gigacycles"] > 0.0) & done["user_j"].notna()
+            self._done_by_users_with_own += int(own.sum())
         return self
 
     def summary(self) -> dict[str, Any]:
@@ -231,7 +254,13 @@ class Tasks:
             "deadlines_met_percent": 100 * self._met / decided if decided else None,
             "restarts": self._restarts,
             LATE: self._dropped,
+            **({} if self._user_j is None else {"user_j_per_task": self._user_j_per_task()}),
         }
+
+    def _user_j_per_task(self) -> float | None:
+        """Return what users used over the tasks completed, both of users with a processor."""
+        done = self._done_by_users_with_own
+        return self._user_j / done if self._user_j is not None and done else None
 
 
 class Groups:
@@ -239,19 +268,19 @@ class Groups:
 
     def __init__(self, by: str) -> None:
         self.by = by
-        self._totals: defaultdict[Any, Totals] = defaultdict(Totals)
+        self.totals: defaultdict[Any, Totals] = defaultdict(Totals)
 
     def add(self, requests: pd.DataFrame) -> Groups:
         """Add requests; itself. Raises UsageError if their users are in no groups."""
         if self.by not in requests:
             raise UsageError(f"by: {self.by}: the users of this run are not a list of groups")
         for value, group in requests.groupby(self.by, sort=True):
-            self._totals[GROUPS[self.by](value)].add(group)
+            self.totals[GROUPS[self.by](value)].add(group)
         return self
 
     def summaries(self) -> list[dict[str, Any]]:
         """Return the measures of each group, as ``grouped`` does."""
-        return [{self.by: value} | self._totals[value].summary() for value in sorted(self._totals)]
+        return [{self.by: value} | self.totals[value].summary() for value in sorted(self.totals)]
 
 
 class Fairness:
@@ -279,6 +308,12 @@ class Fairness:
         of_users = self.of_each_user()
         squares = float((of_users**2).sum())
         return float(of_users.sum() ** 2 / (len(of_users) * squares)) if squares > 0 else None
+
+    def worst_tenth_percent(self) -> float | None:
+        """Return the mean QoE1 of the tenth of users with the lowest, at least of one."""
+        of_users = np.sort(self.of_each_user())
+        worst = of_users[: math.ceil(WORST_SHARE * len(of_users))]
+        return float(100.0 * worst.mean()) if len(worst) else None
 
 
 class Mean:

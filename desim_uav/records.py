@@ -370,6 +370,7 @@ UPDATES = Columns(
 
 SENSORS = Columns(
     "One row per episode and sensor. Kept if users are sensors.",
+    GROUPED,
     episode=_EPISODE,
     user=(INT, "The number of the sensor among the users, from 0."),
     service=(TEXT, "The name of the service whose updates it sends."),
@@ -379,6 +380,7 @@ SENSORS = Columns(
         "delivered was taken, or since the start of the episode if there is none.",
     ),
     peak_age_s=(FLOAT, "The mean of its ages just before they fell. Null if it never fell."),
+    falls=(INT, "How often its age fell."),
     age_end_s=(FLOAT, "Its age at the end of the episode, in seconds."),
     violation_s=(
         FLOAT,

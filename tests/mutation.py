@@ -377,6 +377,20 @@ MUTATIONS = (
         ("test_qoe.py",),
     ),
     Mutation(
+        "Ages averaged over episodes, not over time",
+        "measures/ages.py",
+        "lasted_s = duration_s.to_numpy(float)",
+        "lasted_s = np.ones(len(sensors))",
+        ("measures/test_by_hand.py",),
+    ),
+    Mutation(
+        "Mean peaks averaged over sensors and episodes, not over falls",
+        "measures/ages.py",
+        'falls = sensors["falls"].to_numpy()',
+        'falls = (sensors["falls"] > 0).to_numpy().astype(int)',
+        ("measures/test_by_hand.py",),
+    ),
+    Mutation(
         "R1 not limited to 1",
         "rules/rewards.py",
         "return 1.0 if capped and share > 1.0 else share",

@@ -816,7 +816,7 @@ class TestQoe:
         assert found == plain
         assert found["qoe3_percent"] < share <= 100
         text = cli_run("qoe", folder, "--covered-once").out
-        assert f"covered_once_percent   {share:.6g}\n" in text
+        assert f"covered_once_percent     {share:.6g}\n" in text
         cli_run("qoe", folder, "--covered-once", "--by", "user").failed(2, "not with --by")
 
     def test_no_folder_given(self, cli_run):

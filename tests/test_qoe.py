@@ -305,6 +305,13 @@ class TestFairness:
         requests = pd.DataFrame({"user": [0, 0, 1], "qoe1": [1.0, 0.0, 0.5]})
         assert qoe.fairness(requests) == pytest.approx(1.0)
 
+    def test_the_worst_tenth_of_users(self):
+        """Of 11 users two are the worst tenth: 10 % and 20 %."""
+        qoe1 = [0.9] * 9 + [0.1, 0.2]
+        users = qoe.Fairness().add(pd.DataFrame({"user": range(11), "qoe1": qoe1}))
+        assert users.worst_tenth_percent() == pytest.approx(15.0)
+        assert qoe.Fairness().worst_tenth_percent() is None
+
     def test_nobody_served_or_nobody_there(self):
         assert self.of(0.0, 0.0) is None
         assert self.of() is None

@@ -22,8 +22,8 @@ from desim_uav.experiment import command
 from desim_uav.experiment import run as experiment_run
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.provenance import PACKAGES
-from desim_uav.experiment.run import headline
 from desim_uav.lock import held
+from desim_uav.measures.tally import headline
 from desim_uav.parquet_file import read_table
 from desim_uav.records import EPISODES, REQUESTS, TABLES, USERS
 from desim_uav.run_folder import RunDraft, RunPlace

@@ -37,6 +37,7 @@ def compare(
     warmup: Warmup = 2,
     jobs: Jobs = 1,
     against: str | None = None,
+    measure: str | Sequence[str] | None = None,
     out: str | Path | None = None,
     engine: EngineName = "auto",
     progress: bool = True,
@@ -63,6 +64,8 @@ def compare(
         jobs: The number of runs at a time, each in a process of its own. In Python, a script that
             asks for more than one must begin its work under ``if __name__ == "__main__":``.
         against: The policy that the others are compared with. By default it is the first.
+        measure: A measure to compare, such as age_s; it can be given several times. By default
+            these are those that the services of the scenario have.
         out: A file for the values of each policy and seed.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
             the same. With auto, SimPy begins if batch has yet to be compiled, which another
@@ -78,6 +81,7 @@ def compare(
     from desim_uav.disk import file_place
     from desim_uav.experiment import compare as comparing
     from desim_uav.experiment.progress import progress as shown
+    from desim_uav.measures.known import chosen, names_of
     from desim_uav.scenario.draft import named_override
     from desim_uav.scenario.load import override_texts
 
@@ -88,6 +92,7 @@ def compare(
             "their number"
         )
     source = opened(scenario, overrides, world_seed=world_seed)
+    measures = None if measure is None else chosen(names_of(measure), source.scenario)
     by_name = comparing.policies_by_name(policies)
     all_seeds = seeds_of(seeds, first_seed)
     for warning in comparing.out_of_place(source.scenario, by_name, all_seeds):
@@ -107,6 +112,7 @@ def compare(
             against=against,
             jobs=jobs,
             engine=engine,
+            measures=measures,
             on_replication=advance,
         )
     if place is not None:
@@ -119,6 +125,7 @@ def compare_runs(
     folders: Sequence[str | Path | InFolders],
     *,
     against: str | None = None,
+    measure: str | Sequence[str] | None = None,
     out: str | Path | None = None,
 ) -> Comparison:
     """Compare finished runs: each is the replication of its policy on its seed.
@@ -129,21 +136,26 @@ def compare_runs(
         folders: The folders of finished runs; in a terminal also one scenario, to run --policies
             in. In Python, results of runs may be among them.
         against: The policy that the others are compared with. Default: that of the first run.
+        measure: A measure to compare, or several. Default: those that the services have.
         out: A CSV file for the values of each seed.
 
     Raises:
         PolicyError: a folder cannot be read, or the runs are not of one scenario and one length.
-        UsageError: ``against`` is not one of the policies, or ``out`` cannot be written.
+        UsageError: ``against`` is not one of the policies, the runs do not have a measure, or
+            ``out`` cannot be written.
     """
     from desim_uav.api.sources import each_of, in_folders
     from desim_uav.disk import file_place
     from desim_uav.experiment import compare_runs as finished
+    from desim_uav.measures.known import names_of
 
     place = None if out is None else file_place(Path(out), "--out")
     with in_folders("folders", each_of("folders", folders)) as sources:
         if not sources:
             raise UsageError("folders: give at least one run")
-        comparison = finished.compare_runs([source.folder for source in sources], against)
+        paths = [source.folder for source in sources]
+        names = None if measure is None else names_of(measure)
+        comparison = finished.compare_runs(paths, against, names)
     if place is not None:
         comparison.save(place)
     return comparison

@@ -12,12 +12,11 @@ from typing import Any
 
 import pandas as pd
 
-from desim_uav import qoe
 from desim_uav.checksums import verify
 from desim_uav.errors import DesimError, NoEventsError, UsageError
 from desim_uav.experiment.command import Done, Recorded, place_of, read_summary
 from desim_uav.experiment.replay.again import Source
-from desim_uav.experiment.run import counted
+from desim_uav.measures.tally import MEASURED, Tally
 from desim_uav.parquet_file import read_parts, read_table
 from desim_uav.records import REQUESTS, TABLES
 from desim_uav.report.manifest import read_manifest
@@ -54,6 +53,9 @@ class Tables:
     def write(self, name: str, frame: pd.DataFrame) -> None:
         """Take rows of a table."""
         self._parts.setdefault(name, []).append(frame)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._parts
 
     def parts(self) -> Sequence[tuple[str, pd.DataFrame]]:
         """Return all that was written, table by table."""
@@ -94,7 +96,8 @@ class InMemory:
         """Return the measures of each group of counted requests."""
         if by == "service":
             return self.recorded.by_service
-        return qoe.grouped(counted(self.table("requests")), by)
+        there = [name for name in MEASURED if name in self.tables]
+        return Tally(by).add(**{name: self.table(name) for name in there}).groups()
 
     def table(self, name: str) -> pd.DataFrame:
         """Return a table. Raises NoEventsError where the run has not kept it."""

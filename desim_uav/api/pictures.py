@@ -65,7 +65,8 @@ def plot(
         at: For radio: the place of the drone, in metres. By default it is the middle of the map. In
             Python, it may also be a pair, such as ``(1200, 800)``.
         against: For compare: the policy that the others are compared with.
-        measure: For sweep: a measure to draw, such as qoe3_percent; it can be given several times.
+        measure: For sweep and compare: a measure to draw, such as qoe3_percent; it can be given
+            several times.
             By default QoE1 to QoE3 are drawn. In Python, it is one or a list.
         key: For sweep: a key to show, the first one along the axis, or to hold at VALUE; it can be
             given several times. In Python, it is one or a list.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -19,8 +19,9 @@ from desim_uav.experiment import command
 from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.replay.page import make_replay
 from desim_uav.experiment.statistics import estimate
+from desim_uav.measures.known import of_mean
 from desim_uav.report import notebook
-from desim_uav.report.text import MEASURES
+from desim_uav.report.text import Looks, Row, tables_of
 from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.schema import Scenario
 from desim_uav.typed import typed
@@ -354,15 +355,10 @@ class RunResult:
         counted, crashes = summaries[0]["episodes"], sum(s["crashes"] for s in summaries)
         title = f"{self._title()}: {_number(counted, 'episode')}"
         title += " per seed (mean ± half-width of the 95 % interval)" if len(self) > 1 else ""
-        groups = [summaries, *self._by_service()]
-        rows = [
-            ["all" if number == 0 else rows[0]["service"], *map(_cell(rows), MEASURES)]
-            for number, rows in enumerate(groups)
-        ]
-        headings = ["service", *(heading for heading, _ in MEASURES.values())]
-        return notebook.heading(
-            f"{title}, {_number(crashes, 'crash', 'crashes')}"
-        ) + notebook.table(headings, rows, words=[0])
+        of_seeds = {"all": summaries} | self._by_service()
+        groups = [{"service": name} | _collected(rows) for name, rows in of_seeds.items()]
+        title = notebook.heading(f"{title}, {_number(crashes, 'crash', 'crashes')}")
+        return title + "".join(_table(looks, own) for looks, own in tables_of(groups))
 
     def _title(self) -> str:
         seeds = self.seeds
@@ -371,13 +367,13 @@ class RunResult:
             seeds_in_words += f" in world {self.world_seeds[0]}"
         return f"{self.scenario.name}, {self.policy}, {seeds_in_words}"
 
-    def _by_service(self) -> list[list[dict[str, Any]]]:
+    def _by_service(self) -> dict[str, list[dict[str, Any]]]:
         """The rows of each service, a row per seed that has it."""
         rows_of: dict[str, list[dict[str, Any]]] = {}
         for groups in self.groups("service"):
             for row in groups:
                 rows_of.setdefault(row["service"], []).append(row)
-        return [rows_of[service] for service in sorted(rows_of)]
+        return dict(sorted(rows_of.items()))
 
 
 def of_folder(folder: str | Path) -> RunResult:
@@ -403,19 +399,32 @@ def _numbers(rows: Sequence[dict[str, Any]], by: str) -> pd.DataFrame:
     )
 
 
-def _cell(rows: Sequence[dict[str, Any]]) -> Callable[[str], str]:
-    """Return what writes a measure of some seeds: its mean, and the half-width of its interval."""
+def _collected(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any] | None]:
+    """Return the values that some seeds have of each measure; None if there are none."""
+    values = {name: [row.get(name) for row in rows] for name in rows[0]}
+    return {name: of if any(v is not None for v in of) else None for name, of in values.items()}
 
-    def cell(name: str) -> str:
-        interval = estimate(row.get(name) for row in rows)
-        form = MEASURES[name][1] if len(rows) == 1 else MEASURES[name][1].replace("d", ".1f")
-        if interval.mean is None:
-            return ""
-        value = int(interval.mean) if form == "d" else interval.mean
-        spread = "" if interval.half_width is None else f" ± {interval.half_width:{form}}"
-        return f"{value:{form}}{spread}"
 
-    return cell
+def _table(looks: Looks, rows: Sequence[Row]) -> str:
+    """Return a table of the measures of services on some seeds."""
+    headings = ["service", *(heading for heading, _ in looks.values())]
+    cells = [
+        [row["service"], *(_cell(row.get(name), form) for name, (_, form) in looks.items())]
+        for row in rows
+    ]
+    return notebook.table(headings, cells, words=[0])
+
+
+def _cell(values: Sequence[float | None] | None, form: str) -> str:
+    """Return the mean of the values of some seeds, and the half-width of its interval."""
+    interval = estimate(values or ())
+    if interval.mean is None:
+        return ""
+    if len(values or ()) > 1:
+        form = of_mean(form)
+    value = int(interval.mean) if form == "d" else interval.mean
+    spread = "" if interval.half_width is None else f" ± {interval.half_width:{form}}"
+    return f"{value:{form}}{spread}"
 
 
 def _number(count: int, one: str, more: str = "") -> str:

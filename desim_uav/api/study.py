@@ -60,6 +60,7 @@ def sweep(
     resume: bool = False,
     backend: Annotated[str, OneOf(_backends)] = "local",
     address: str | None = None,
+    measure: str | Sequence[str] | None = None,
     engine: EngineName = "auto",
     progress: bool = True,
 ) -> Done:
@@ -90,6 +91,8 @@ def sweep(
         backend: Where the jobs run: in processes of this machine, or in a Ray cluster.
         address: The address of the Ray cluster: auto, or HOST:PORT. By default a cluster is
             started on this machine.
+        measure: A measure of the table at the end, such as age_s; it can be given several times.
+            By default it has the most important ones. results/ has them and those of `compare`.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
             the same. With auto, SimPy begins if batch has yet to be compiled, which another
             process does meanwhile, and batch takes over at a later episode. What is trained waits
@@ -105,6 +108,7 @@ def sweep(
     from desim_uav.api.sources import each_of
     from desim_uav.experiment.sweep.plan import SweepPlan
     from desim_uav.experiment.sweep.run import sweep_to_folder
+    from desim_uav.measures.known import names_of
     from desim_uav.shipped import find_scenario
 
     plan = SweepPlan(
@@ -117,6 +121,7 @@ def sweep(
         episodes,
         warmup,
         engine,
+        () if measure is None else names_of(measure),
     )
     outcome = sweep_to_folder(
         plan,

@@ -85,6 +85,9 @@ HOW_TO_RUN = (
 )
 """The options of a comparison that are about runs to come."""
 
+OF_FINISHED = ("against", "measure", "out")
+"""The options of a comparison of finished runs."""
+
 
 @made(
     *(compare_policies, CONTEXT, AS_JSON, NO_PROGRESS, NO_PLUGINS),
@@ -99,7 +102,7 @@ def compare(arguments: dict[str, Any], context: typer.Context, as_json: bool, qu
     what, interrupted = arguments.pop("folders"), ""
     if arguments["policies"] is None:
         _refuse_how_to_run(context)
-        comparison = compare_runs(what, against=arguments["against"], out=arguments["out"])
+        comparison = compare_runs(what, **{name: arguments[name] for name in OF_FINISHED})
     else:
         scenario = the_scenario(what)
         arguments["policies"] = policy_names(arguments["policies"])

@@ -25,7 +25,7 @@ from desim_uav.drawing.sprites import (
     stick,
     wreck,
 )
-from desim_uav.engine.base import Measures, UserState
+from desim_uav.engine.base import Measures, TaskQueue, UserState
 from desim_uav.model.rules import AIRBORNE, US, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.palette import USERS, drone_colour, ink_on
@@ -45,6 +45,9 @@ DIAMETERS = {
 }
 """The diameters of users' dots by state, in pixels."""
 
+ABOVE, SQUARE, MOST_SQUARES = 20, 7, 8
+"""How far above a drone its tasks are drawn, and the pixels of each; of more, there is a number."""
+
 LOW = 0.2
 """The share of a battery at and below which it is shown in red."""
 
@@ -57,6 +60,9 @@ class FrameScene(Protocol):
 
     def user_states(self) -> list[UserState]:
         """Return the state of each user."""
+
+    def queues(self) -> list[TaskQueue]:
+        """Return the queue at the processor of each drone and access point; [] without tasks."""
 
     def measures(self) -> Measures:
         """Return the quality of experience so far."""
@@ -97,7 +103,7 @@ class Painter:
                 stick(picture, ring(drone_colour(observation.drone), radius_px), x, y)
         for state, (x, y, _) in sorted(zip(states, users_m.tolist(), strict=True)):
             stick(picture, _user(state), *self._pixel(x, y))
-        self._draw_drones(picture, snapshot.observations, where)
+        self._draw_drones(picture, snapshot.observations, where, scene.queues())
         frame = self.background.copy()
         frame.paste(picture, self.corner)
         draw = ImageDraw.Draw(frame)
@@ -184,8 +190,9 @@ class Painter:
         picture: Image.Image,
         observations: tuple[Observation, ...],
         where: list[tuple[float, float]],
+        queues: list[TaskQueue],
     ) -> None:
-        """Draw each drone with its number and battery, and with its mode if there is room."""
+        """Draw each drone with its number, battery and tasks, and its mode if there is room."""
         draw = ImageDraw.Draw(picture)
         alone, beside = Counter(where), Counter[tuple[float, float]]()
         for observation, place in zip(observations, where, strict=True):
@@ -195,6 +202,11 @@ class Painter:
             if observation.mode is not Mode.FLYING and alone[place] == 1:
                 _label(draw, x, y + 30, observation.mode.name.lower())
             _draw_battery(draw, x - 14, y + 19, 28, observation)
+            if queues:
+                _draw_queue(draw, x, y, queues[observation.drone], drone_colour(observation.drone))
+        points = self.world.scenario.access_points if queues else ()
+        for queue, point in zip(queues[len(where) :], points, strict=True):
+            _draw_queue(draw, *self._pixel(*point.at_m), queue, INK)
 
     def _write_time(self, draw: ImageDraw.ImageDraw, snapshot: Snapshot, title: str) -> None:
         """Write the clock and the progress of the episode."""
@@ -270,6 +282,22 @@ def _draw_battery(
     draw.rectangle((left, top, left + width, top + 4), fill=PALE)
     if share > 0.0:
         draw.rectangle((left, top, left + width * share, top + 4), fill=colour)
+
+
+def _draw_queue(
+    draw: ImageDraw.ImageDraw, x: float, y: float, queue: TaskQueue, colour: str
+) -> None:
+    """A square for each task at a processor, filled while it is computed, above what is at (x, y).
+
+    If there are too many, a number says how many are left out.
+    """
+    shown = min(sum(queue), MOST_SQUARES)
+    left, bottom = round(x - shown * SQUARE / 2), round(y - ABOVE)
+    for k in range(shown):
+        box = (left + k * SQUARE, bottom - SQUARE + 2, left + (k + 1) * SQUARE - 2, bottom)
+        draw.rectangle(box, fill=colour if k < queue.computed else WHITE, outline=colour)
+    if sum(queue) > shown:
+        _label(draw, left + shown * SQUARE + 12, bottom - 3, f"+{sum(queue) - shown}")
 
 
 def _label(draw: ImageDraw.ImageDraw, x: float, y: float, text: str) -> None:

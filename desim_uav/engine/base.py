@@ -177,6 +177,13 @@ class RunSettings(NamedTuple):
     keep_steps: bool = True
 
 
+class TaskQueue(NamedTuple):
+    """How many tasks the processor of a drone or access point computes, and how many wait there."""
+
+    computed: int = 0
+    waiting: int = 0
+
+
 class UserState(IntEnum):
     """What a user is doing: nothing, attached without a request, waiting with one, or served."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from operator import attrgetter, itemgetter
 from typing import Any, ClassVar
@@ -19,6 +20,7 @@ from desim_uav.engine.courses import flown_leg
 from desim_uav.errors import SimulationError
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.rules import US, Mode, Outcome, Phase
+from desim_uav.model.services import COMPUTING
 from desim_uav.model.state import Observation, Snapshot, observation_of, snapshot_of
 from desim_uav.rules import requests, wide
 from desim_uav.rules.flight import position
@@ -393,6 +395,17 @@ class Engine(CarryOver):
         )
         write_state(self.constants, self.state, places, out)
         return out
+
+    def queues(self) -> list[base.TaskQueue]:
+        """Return the queue at the processor of each drone and access point; [] without tasks."""
+        if not self.state.keeps_tasks:
+            return []
+        senders = len(self.drones) + len(self.world.scenario.access_points)
+        at_work, waiting = Counter[int](), Counter[int]()
+        for user, task in zip(self.state.users, self.state.tasks, strict=True):
+            if user.request.number >= 0 and user.request.line == COMPUTING and task.site >= 0:
+                (at_work if user.request.server >= 0 else waiting)[int(task.site)] += 1
+        return [base.TaskQueue(at_work[one], waiting[one]) for one in range(senders)]
 
     def user_states(self) -> list[base.UserState]:
         """Return the state of each user now, or at the end of the episode if it is over."""

@@ -12,17 +12,17 @@ from typing import Any
 import pandas as pd
 
 from desim_uav import qoe
-from desim_uav.columns import to_frame
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import run
 from desim_uav.experiment.interrupt import asked_to_stop, at_once, interruptible
 from desim_uav.experiment.provenance import clock, versions
 from desim_uav.experiment.resume import Begun, Rest
+from desim_uav.measures.tally import MEASURED, Tally
 from desim_uav.parquet_file import read_parts
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
-from desim_uav.records import EPISODES, REQUESTS
+from desim_uav.records import EPISODES, REQUESTS, SENSORS
 from desim_uav.report.manifest import read_manifest
 from desim_uav.run_folder import RunDraft, RunPlace, world_content
 from desim_uav.scenario.load import dump, scenario_hash
@@ -205,7 +205,7 @@ def record_episodes(
             played_by[log.engine] += log.episode >= 0
             yield log, path
 
-    tally, by_service = _write_tables(world, noted(), how.keep_events, write, advance, continuation)
+    tally = _write_tables(world, noted(), how.keep_events, write, advance, continuation)
     if not tally.episodes:
         raise KeyboardInterrupt
     settings = run.run_settings(world, policy, how.keep_events)
@@ -229,7 +229,7 @@ def record_episodes(
         "versions": versions(),
     }
     entries = {key: manifest[key] for key in NAMED}
-    return Recorded(prepared, manifest, entries | tally.headline(), by_service.summaries())
+    return Recorded(prepared, manifest, entries | tally.headline(), tally.groups())
 
 
 def _write_tables(
@@ -239,21 +239,18 @@ def _write_tables(
     write: Write,
     advance: Callable[[], None],
     continuation: Begun | None,
-) -> tuple[run.Tally, qoe.Groups]:
+) -> Tally:
     """Write the tables of episodes when they have ended, with one batch in memory at a time.
 
-    Return the measures of the counted episodes, and those of their requests by service. A signal
-    ends the run after the current episode.
+    Return the measures of the counted episodes, also by service. A signal ends the run after the
+    current episode.
     """
-    tally, by_service = run.Tally(), qoe.Groups("service")
+    tally = Tally("service")
     rest = Rest() if continuation is None else continuation.rest()
     for name, part in () if continuation is None else continuation.parts():
         write(name, part)
-        if name == "requests":
-            tally.add(part, to_frame(EPISODES, []))
-            by_service.add(run.counted(part))
-        elif name == "episodes":
-            tally.add(to_frame(REQUESTS, []), part)
+        if name in MEASURED:
+            tally.add(**{name: part})
     played: list[run.Played] = []
     with asked_to_stop("this episode") as stop:
 
@@ -264,8 +261,7 @@ def _write_tables(
                 for name, frame in vars(results).items():
                     if frame is not None:
                         write(name, frame)
-                tally.add(results.requests, results.episodes)
-                by_service.add(run.counted(results.requests))
+                tally.add(**{name: getattr(results, name) for name in MEASURED})
                 played.clear()
 
         with suppress(KeyboardInterrupt):
@@ -279,7 +275,7 @@ def _write_tables(
         with suppress(KeyboardInterrupt):  # a further one is raised when everything is written
             if played or rest.frames:
                 put_down()
-    return tally, by_service
+    return tally
 
 
 def read_summary(
@@ -290,33 +286,36 @@ def read_summary(
     One row group is in memory at a time. Raises PolicyError if the tables are unreadable or
     contradict each other.
     """
-    tally, groups = run.Tally(), None if by is None else qoe.Groups(by)
-    no_episodes = to_frame(EPISODES, [])
-    requests_of: Counter[int] = Counter()
+    tally = Tally(by)
+    requests_of, numbers = Counter[int](), set[int]()
     for requests in read_parts(folder, "requests", REQUESTS):
         problem = qoe.inconsistency(requests)
         if problem:
             raise PolicyError(f"{folder / 'requests.parquet'}: {problem}")
         requests_of.update(requests["episode"].tolist())
-        tally.add(requests, no_episodes)
-        if groups is not None:
-            groups.add(run.counted(requests))
+        tally.add(requests)
     for episodes in read_parts(folder, "episodes", EPISODES):
-        tally.add(to_frame(REQUESTS, []), episodes)
+        tally.add(episodes=episodes)
+        numbers.update(episodes["episode"])
         for episode, requests in zip(episodes["episode"], episodes["requests"], strict=True):
             if requests_of.pop(episode, 0) != requests:
-                raise _of_two_runs(folder, episode)
+                raise _of_two_runs(folder, "requests", episode)
     for episode in requests_of:
-        raise _of_two_runs(folder, episode)
+        raise _of_two_runs(folder, "requests", episode)
+    if (folder / "sensors.parquet").exists():
+        for sensors in read_parts(folder, "sensors", SENSORS):
+            for episode in sorted({*sensors["episode"]} - numbers):
+                raise _of_two_runs(folder, "sensors", episode)
+            tally.add(sensors=sensors)
     manifest = read_manifest(folder)
     entries = {key: manifest[key] for key in NAMED if key in manifest}
-    by_group = None if groups is None else groups.summaries()
+    by_group = None if by is None else tally.groups()
     return entries | tally.headline() | {"run_dir": str(folder)}, by_group
 
 
-def _of_two_runs(folder: Path, episode: int) -> PolicyError:
+def _of_two_runs(folder: Path, table: str, episode: int) -> PolicyError:
     return PolicyError(
-        f"{folder}: requests.parquet and episodes.parquet are not of one run: they differ in "
+        f"{folder}: {table}.parquet and episodes.parquet are not of one run: they differ in "
         f"episode {episode}"
     )
 

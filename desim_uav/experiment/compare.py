@@ -12,7 +12,7 @@ import pickle
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,11 +26,12 @@ from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, estimate, paired
+from desim_uav.measures.known import KNOWN, looks
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, policy_name
 from desim_uav.report import notebook
-from desim_uav.report.text import compared, estimate_cells
+from desim_uav.report.text import estimate_cells
 from desim_uav.scenario.schema import Scenario
 from desim_uav.typed import typed
 from desim_uav.world import build_world
@@ -83,6 +84,7 @@ class Comparison:
             "confidence": LEVEL,
             "against": self.against,
             "interrupted": self.interrupted,
+            "better": {name: KNOWN[name].better for name in self.measures},
             "policies": [self._estimates(policy) for policy in self.policies],
             "differences": [self._differences(policy) for policy in others],
             "replications": self.rows(),
@@ -129,19 +131,27 @@ class Comparison:
         return Path(file)
 
     @typed
-    def plot(self, out: str | Path | None = None, *, against: str | None = None) -> Figure:
+    def plot(
+        self,
+        out: str | Path | None = None,
+        *,
+        against: str | None = None,
+        measure: str | Sequence[str] | None = None,
+    ) -> Figure:
         """Draw the intervals of all policies and their differences; a notebook shows the figure.
 
         Args:
             out: A file that ends in .png, .pdf or .svg, if the figure is to be written.
             against: The policy that the others are compared with. Default: that of the comparison.
+            measure: One measure of the comparison or several. Default: the most important ones.
 
-        Raises UsageError for a policy that is not one of those compared, and for the file.
+        Raises UsageError for a policy or a measure that is not one of those compared, and for the
+        file.
         """
         from desim_uav.experiment.plot import Target, draw
 
         target = None if out is None else Target(Path(out), "out")
-        figure = draw("compare", [self], {"against": against})
+        figure = draw("compare", [self], {"against": against, "measure": measure})
         if target is not None:
             target.write(figure)
         return figure
@@ -206,14 +216,17 @@ def compare_policies(
     against: str | None,
     jobs: int,
     engine: str,
+    measures: Sequence[str] | None = None,
     on_replication: Callable[[], None] = lambda: None,
 ) -> Comparison:
     """Run each policy on each seed; the seed draws the world, too, unless the scenario names one.
 
-    ``policies`` maps names to policies; ``engine`` is auto, des or batch. After Ctrl-C the finished
+    ``policies`` maps names to policies; ``engine`` is auto, des or batch; ``measures`` are names of
+    measures, by default those that comparisons have in the scenario. After Ctrl-C the finished
     replications are returned. Raises KeyboardInterrupt if there is none.
     """
     reference = reference_of(list(policies), against)
+    measured = partial(evaluate, measures=measures)
     if jobs > 1:
         _check_portable(policies)
     pairs = [(policy, seed) for seed in seeds for policy in policies]
@@ -221,11 +234,11 @@ def compare_policies(
     replications: list[Replication] = []
     interrupted = False
     try:
-        with closing(run_each(evaluate, tasks, jobs)) as ended:
-            for number, measured in ended:
+        with closing(run_each(measured, tasks, jobs)) as ended:
+            for number, values in ended:
                 policy, seed = pairs[number]
                 replications.append(
-                    Replication(policy, seed, world_seed_of(scenario, seed), measured)
+                    Replication(policy, seed, world_seed_of(scenario, seed), values)
                 )
                 on_replication()
     except KeyboardInterrupt:
@@ -372,8 +385,8 @@ def _estimates_frame(rows: Sequence[dict[str, Any]], measures: Sequence[str]) ->
 def _html(rows: Sequence[dict[str, Any]]) -> str:
     """Return a table with a row per measure and policy."""
     cells = [
-        [label if first else "", row["policy"], *estimate_cells(row["measures"][name], form)]
-        for name, (label, form) in compared(rows[0]["measures"]).items()
+        [label if first else "", row["policy"], *estimate_cells(name, row["measures"][name], form)]
+        for name, (label, form) in looks(rows[0]["measures"]).items()
         for first, row in zip([True, *[False] * len(rows)], rows, strict=False)
     ]
     headings = ["measure", "policy", "seeds", "mean", "", "", ""]

@@ -9,7 +9,8 @@ from pathlib import Path
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import Comparison, Replication, reference_of, world_seed_of
-from desim_uav.experiment.evaluate import measures_of
+from desim_uav.experiment.evaluate import replicated
+from desim_uav.measures.known import chosen, compared_in
 from desim_uav.parquet_file import no_such, read_table
 from desim_uav.records import EPISODES
 from desim_uav.report.manifest import read_manifest
@@ -18,13 +19,18 @@ from desim_uav.scenario.load import scenario_hash, seedless, to_plain
 from desim_uav.scenario.schema import Scenario
 
 
-def compare_runs(folders: Sequence[Path], against: str | None = None) -> Comparison:
+def compare_runs(
+    folders: Sequence[Path],
+    against: str | None = None,
+    measures: Sequence[str] | None = None,
+) -> Comparison:
     """Compare finished runs; each is the replication of its policy on its seed.
 
+    ``measures`` are names of measures, by default those that comparisons have in the scenario.
     Raises PolicyError if a folder cannot be read, if the runs differ in scenario or length, or if
-    two runs have the same policy and seed.
+    two runs have the same policy and seed, and UsageError for a measure that they do not have.
     """
-    runs = [_read(folder) for folder in folders]
+    runs = [_read(folder, measures) for folder in folders]
     first = runs[0]
     of_seed: dict[tuple[str, int], Path] = {}
     for run in runs:
@@ -60,7 +66,7 @@ class _Run:
     replication: Replication
 
 
-def _read(folder: Path) -> _Run:
+def _read(folder: Path, measures: Sequence[str] | None) -> _Run:
     if not folder.is_dir():
         raise PolicyError(
             f"{no_such(folder, 'run folder')} (to compare policies in a scenario, use --policies)"
@@ -71,9 +77,7 @@ def _read(folder: Path) -> _Run:
     if not summary["episodes"]:
         raise PolicyError(f"{folder}: the run has no counted episode")
     policy, seed = summary["policy"], summary["seed"]
-    summary["crashes_per_drone_episode"] = summary["crashes"] / (
-        summary["episodes"] * scenario.drone_count
-    )
+    names = compared_in(scenario) if measures is None else chosen(measures, scenario)
     return _Run(
         folder,
         seedless(scenario),
@@ -82,7 +86,7 @@ def _read(folder: Path) -> _Run:
         int((numbers < 0).sum()),
         Replication(
             *(policy, seed, world_seed_of(scenario, seed)),
-            {name: summary[name] for name in measures_of(scenario)},
+            replicated(summary, scenario, names),
         ),
     )
 

@@ -2,45 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from desim_uav.experiment.run import headline, run
-from desim_uav.model.energy.battery import in_joules
-from desim_uav.model.services import is_task
+from desim_uav.experiment.run import run
+from desim_uav.measures.known import compared_in
+from desim_uav.measures.tally import headline
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, policy_name
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
-
-MEASURES = (
-    "qoe1_percent",
-    "qoe1_feasible_percent",
-    "qoe2_iterations",
-    "qoe3_percent",
-    "qoe3_active_percent",
-    "crashes_per_drone_episode",
-    "reward_mean",
-)
-
-ENERGY = "j_per_mbit"
-"""One more measure, if all batteries hold energy: that used in flight over what was served."""
-
-OF_TASKS = ("completion_s", "deadlines_met_percent")
-"""More measures, if services have tasks: their mean delay, and how many met their deadline."""
-
-SOMETIMES = (ENERGY, *OF_TASKS)
-"""The measures that only some scenarios have."""
-
-
-def measures_of(*scenarios: Scenario) -> tuple[str, ...]:
-    """Return the names of the measures of replications in some scenarios, in any of them."""
-    has_energy = any(
-        all(in_joules(drones.battery) for drones in scenario.fleet) for scenario in scenarios
-    )
-    names = (*MEASURES, ENERGY) if has_energy else MEASURES
-    services = [service for scenario in scenarios for service in scenario.services.values()]
-    return (*names, *OF_TASKS) if any(map(is_task, services)) else names
 
 
 def evaluate(
@@ -51,11 +22,13 @@ def evaluate(
     warmup: int,
     engine: str = "des",
     on_episode: Callable[[], None] = lambda: None,
+    measures: Sequence[str] | None = None,
 ) -> dict[str, float | None]:
     """Return the measures of ``episodes`` episodes after ``warmup``, in the world of the seed.
 
     QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes; energy and what
     was served are summed up before one is divided by the other. ``engine`` is auto, des or batch.
+    ``measures`` are names of measures that the scenario has, by default those of a comparison.
     """
     name, policy = policy_name(policy), load_policy(policy)
     scenario = as_seen(scenario, policy).model_copy(update={"seed": seed})
@@ -70,7 +43,17 @@ def evaluate(
         on_episode=on_episode,
         engine=engine,
     )
-    measured: dict[str, Any] = headline(results.requests, results.episodes)
-    drone_episodes = episodes * scenario.drone_count
-    measured["crashes_per_drone_episode"] = measured["crashes"] / drone_episodes
-    return {name: measured[name] for name in measures_of(scenario)}
+    found = headline(results.requests, results.episodes, results.sensors)
+    return replicated(found, scenario, compared_in(scenario) if measures is None else measures)
+
+
+def replicated(
+    found: dict[str, Any], scenario: Scenario, names: Sequence[str]
+) -> dict[str, float | None]:
+    """Return these measures of a replication, given those that its tables have.
+
+    A measure that they do not have, as they hold no request or sensor, is None.
+    """
+    drone_episodes = found["episodes"] * scenario.drone_count
+    found = found | {"crashes_per_drone_episode": found["crashes"] / drone_episodes}
+    return {name: found.get(name) for name in names}

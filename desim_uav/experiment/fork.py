@@ -24,6 +24,7 @@ from desim_uav.experiment.command import (
     record_episodes,
 )
 from desim_uav.experiment.run import Played
+from desim_uav.measures.tally import Tally
 from desim_uav.policies.base import Policy
 from desim_uav.registry import naming_plug_ins
 from desim_uav.run_folder import RunDraft, RunPlace
@@ -211,7 +212,7 @@ class Since:
 
     def measures(self) -> dict[str, Any]:
         """Return the measures that are compared."""
-        tally = run.Tally()
+        tally = Tally()
         for requests, episodes in zip(*self.frames.values(), strict=True):
             tally.add(requests, episodes)
         headline = tally.headline()

@@ -8,9 +8,9 @@ from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 from desim_uav import escaped
-from desim_uav.experiment.evaluate import MEASURES
 from desim_uav.experiment.published import POLICIES, PUBLISHED, best_qoe3
 from desim_uav.experiment.statistics import Estimate, estimate, paired
+from desim_uav.measures.known import ALWAYS
 from desim_uav.model.sums import in_order
 
 PaperRow = dict[str, Any]
@@ -52,7 +52,7 @@ def lines(rows: Sequence[PaperRow]) -> list[PaperLine]:
         key = row["case"], row["preset"], POLICIES.index(row["policy"])
         groups.setdefault(key, []).append(row)
     bounds = (key for key in rows[0] if key.startswith(("cover_", "fair_")))
-    names = [*MEASURES, *LAST, *bounds]
+    names = [*ALWAYS, *LAST, *bounds]
     return [
         PaperLine(
             case,

@@ -13,6 +13,7 @@ from desim_uav.experiment.compare import Comparison, reference_of
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.replay.again import Source
+from desim_uav.measures.known import check, names_of
 from desim_uav.policies.tabular import read_table
 from desim_uav.shipped import find_table
 from desim_uav.world import World, build_world
@@ -49,14 +50,24 @@ def _training(sources: Sequence[Drawable], **options: Any) -> Figure:
     return training_figure([_path(source, "training") for source in sources], **options)
 
 
-def _compare(sources: Sequence[Drawable], against: str | None = None) -> Figure:
+def _compare(
+    sources: Sequence[Drawable],
+    against: str | None = None,
+    measure: str | Sequence[str] | None = None,
+) -> Figure:
     from desim_uav.report.figures import compare_figure
 
+    names = None if measure is None else list(dict.fromkeys(names_of(measure)))
     first = sources[0]
     if isinstance(first, Comparison) and len(sources) == 1:
         reference = reference_of(first.policies, first.against if against is None else against)
-        return compare_figure(replace(first, against=reference).content())
-    return compare_figure(compare_runs([_path(s, "compare") for s in sources], against).content())
+        for name in names or ():
+            if name not in first.measures:
+                check(name)
+                raise UsageError(f"--measure {name}: the comparison does not have it")
+        return compare_figure(replace(first, against=reference).content(), names)
+    comparison = compare_runs([_path(s, "compare") for s in sources], against, names)
+    return compare_figure(comparison.content(), names)
 
 
 def _of_runs(kind: str) -> Callable[..., Figure]:
@@ -75,7 +86,7 @@ def _of_runs(kind: str) -> Callable[..., Figure]:
 def _sweep(source: Drawable, **options: Any) -> Figure:
     from desim_uav.experiment.sweep.pictures import plot_sweep
 
-    lists = {name: [it] if isinstance(it, str) else list(it) for name, it in options.items()}
+    lists = {name: list(names_of(it)) for name, it in options.items()}
     return plot_sweep(_path(source, "sweep"), **lists)
 
 
@@ -159,7 +170,7 @@ def _of_run(kind: str) -> Callable[..., Figure]:
 
 KINDS: Mapping[str, Kind] = {
     "training": Kind(_training, ("window",), several=True),
-    "compare": Kind(_compare, ("against",), several=True),
+    "compare": Kind(_compare, ("against", "measure"), several=True),
     "sweep": Kind(_sweep, ("measure", "key")),
     "visits": Kind(_of_run("visits"), ("episode", "drone"), again=True),
     "policy": Kind(_policy, ("battery_min", "level", "drone")),

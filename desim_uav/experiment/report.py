@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from desim_uav import qoe
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare_runs import compare_runs
@@ -20,7 +19,7 @@ from desim_uav.experiment.sweep.results import is_sweep
 from desim_uav.report.comparison_page import Compared, comparison_page
 from desim_uav.report.page import Reported
 from desim_uav.report.run_page import run_page
-from desim_uav.report.text import MEASURES
+from desim_uav.report.text import tables_of
 
 NAME = "report.html"
 
@@ -80,18 +79,16 @@ def _by_service(runs: Sequence[Reported], content: dict[str, Any]) -> list[dict[
     """Return the estimates over seeds for each service and policy."""
     rows_of: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for run in runs:
-        for row in qoe.grouped(run.counted("requests"), "service"):
+        for row in run.groups("service"):
             rows_of.setdefault((row["service"], run.summary["policy"]), []).append(row)
     order = [row["policy"] for row in content["policies"]]
+    every = [row for rows in rows_of.values() for row in rows]
+    there = list(dict.fromkeys(name for shown, _ in tables_of(every) for name in shown))
     return [
         {
             "service": service,
             "policy": policy,
-            "measures": {
-                name: asdict(estimate(row[name] for row in rows))
-                for name in MEASURES
-                if name in rows[0]
-            },
+            "measures": {name: asdict(estimate(row[name] for row in rows)) for name in there},
         }
         for (service, policy), rows in sorted(
             rows_of.items(), key=lambda item: (item[0][0], order.index(item[0][1]))

@@ -9,8 +9,6 @@ from typing import Any
 
 import pandas as pd
 
-from desim_uav import qoe
-from desim_uav.columns import FLOAT
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.choose import faster, make_engine
 from desim_uav.engine.episode import Engine
@@ -20,7 +18,6 @@ from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.state import Snapshot
 from desim_uav.policies.answers import NoCommandError
 from desim_uav.policies.base import Policy, decide, show
-from desim_uav.records import APART, ENERGY, LINKS
 from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World
@@ -136,78 +133,6 @@ def fly(
             commands = decide(policy, snapshot, simulation.world)
         snapshot = simulation.step(commands)
     return snapshot
-
-
-DERIVED = {"least_distance_m", "j_per_mbit"}
-"""The measures of several episodes that are not the sums of those of each."""
-
-
-class Tally:
-    """The measures of a run over its counted episodes, which are added when they have ended."""
-
-    def __init__(self) -> None:
-        self.episodes = 0
-        self._requests = qoe.Totals()
-        self._suppressed = self._crashes = 0
-        self._qoe3, self._reward = qoe.Mean(), qoe.Mean()
-        self._sums: dict[str, Any] = {}
-        self._least_m: list[float] = []
-        self._energy_of_all = True
-
-    def add(self, requests: pd.DataFrame, episodes: pd.DataFrame) -> None:
-        """Add the tables of some episodes; warm-up does not count."""
-        episodes = episodes[episodes["episode"] >= 0]
-        self._requests.add(counted(requests))
-        self.episodes += len(episodes)
-        self._suppressed += int(episodes["suppressed"].sum())
-        self._crashes += int(episodes["crashes"].sum())
-        self._qoe3.add(episodes["qoe3_percent"].to_numpy())
-        self._reward.add(episodes["reward"].to_numpy())
-        for name, kind in (LINKS | APART | ENERGY).items():
-            if name in episodes and name not in DERIVED:
-                total = self._sums.get(name, 0) + episodes[name].sum()
-                self._sums[name] = float(total) if kind == FLOAT else int(total)
-        if "least_distance_m" in episodes:
-            self._least_m += episodes["least_distance_m"].dropna().tolist()
-        if "j_per_mbit" in episodes:
-            unknown = (episodes["served_mbit"] > 0.0) & episodes["j_per_mbit"].isna()
-            self._energy_of_all &= not unknown.any()
-
-    def _derived(self) -> dict[str, float | None]:
-        """Return those measures of ``DERIVED`` that the episodes have."""
-        measures: dict[str, float | None] = {}
-        if "conflicts" in self._sums:
-            measures["least_distance_m"] = min(self._least_m, default=None)
-        if "energy_wh" in self._sums:
-            served = self._sums["served_mbit"]
-            used_j = 3600 * self._sums["energy_wh"]
-            has_energy = self._energy_of_all and served > 0.0
-            measures["j_per_mbit"] = used_j / served if has_energy else None
-        return measures
-
-    def headline(self) -> dict[str, Any]:
-        """Return the measures over all episodes added so far."""
-        return self._requests.summary() | {
-            "episodes": self.episodes,
-            "suppressed": self._suppressed,
-            "qoe3_percent": self._qoe3.value(),
-            "crashes": self._crashes,
-            "reward_mean": self._reward.value(),
-            **self._sums,
-            **self._derived(),
-        }
-
-
-def headline(requests: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, Any]:
-    """Return the measures of whole tables."""
-    tally = Tally()
-    tally.add(requests, episodes)
-    return tally.headline()
-
-
-def counted(requests: pd.DataFrame) -> pd.DataFrame:
-    """Return the requests of all episodes except warm-up."""
-    return requests[requests["episode"] >= 0]
 
 
 @contextmanager

@@ -343,7 +343,8 @@ def _time_s(t_us: int) -> float | None:
 
 def sensors_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     """Return one row per episode and sensor."""
-    names = world.services.names
+    names, groups = world.services.names, _groups_of_users(world)
+    columns = SENSORS.among(GROUPED if groups else ())
     rows = (
         (
             log.episode,
@@ -351,17 +352,19 @@ def sensors_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
             names[one.service],
             _mean_age_s(one, log.duration_us),
             one.peaks_us / one.falls / US if one.falls else None,
+            one.falls,
             one.age_us / US,
             one.over_us / US if _is_limited(world, one) else None,
             one.generated,
             one.delivered,
             one.dropped,
             one.lost,
+            *groups[one.user : one.user + 1],
         )
         for log in logs
         for one in log.sensors
     )
-    return to_frame(SENSORS, rows)
+    return to_frame(columns, rows)
 
 
 def _energy(log: EpisodeLog, requests: pd.DataFrame, of_all: bool) -> dict[str, float | None]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from desim_uav.measures.known import in_words, looks
 from desim_uav.report import intervals
 from desim_uav.report.figures import case_picture, intervals_figure
 from desim_uav.report.figures.style import NARROW
@@ -24,7 +25,6 @@ from desim_uav.report.page import (
     scenario_section,
     version_facts,
 )
-from desim_uav.report.text import MEASURES, compared
 from desim_uav.report.worst import worst_requests
 
 MOST_MAPS = 6
@@ -35,7 +35,7 @@ class Compared:
     """A comparison and its runs.
 
     ``content`` is what ``compare --json`` prints, ``runs`` are in the order of the command, and
-    ``by_service`` has the estimates of ``MEASURES`` over seeds for each service and policy.
+    ``by_service`` has the estimates of measures over seeds for each service and policy.
     """
 
     content: dict[str, Any]
@@ -97,6 +97,7 @@ def _differences(comparison: Compared) -> Html:
                 "both have, so with the same users and requests. ",
                 bold,
                 alone,
+                in_words([*rows[0]["measures"]]) + " ",
                 f"No seed and world in common: {', '.join(apart)}." if apart else None,
                 class_="note",
             ),
@@ -105,13 +106,13 @@ def _differences(comparison: Compared) -> Html:
 
 
 def _estimates(rows: Sequence[dict[str, Any]], counted: str) -> Html:
-    looks = compared(rows[0]["measures"])
-    headings = ["policy", counted, *(heading(label) for label, _ in looks.values())]
+    shown = looks(rows[0]["measures"])
+    headings = ["policy", counted, *(heading(label) for label, _ in shown.values())]
     cells = (
         [
             row["policy"],
             len(row["seeds"]),
-            *(estimate_cell(row["measures"][name], form) for name, (_, form) in looks.items()),
+            *(estimate_cell(row["measures"][name], form) for name, (_, form) in shown.items()),
         ]
         for row in rows
     )
@@ -132,8 +133,8 @@ def estimate_cell(estimate: dict[str, Any], form: str) -> Html:
 def _intervals(comparison: Compared) -> Html:
     """Return the figures of the two tables."""
     content = comparison.content
-    looks = compared(content["policies"][0]["measures"])
-    titles = {name: label for name, (label, _) in looks.items()}
+    shown = looks(content["policies"][0]["measures"])
+    titles = {name: label for name, (label, _) in shown.items()}
     pictures = [
         Picture(
             "Policies",
@@ -152,16 +153,13 @@ def _intervals(comparison: Compared) -> Html:
 def _services(comparison: Compared) -> Html:
     """Return the table of means over seeds, by service and policy."""
     there = comparison.by_service[0]["measures"] if comparison.by_service else {}
-    looks = {name: look for name, look in MEASURES.items() if name in there}
-    headings = ["service", "policy", *(heading(label) for label, _ in looks.values())]
+    shown = looks(there, short=True)
+    headings = ["service", "policy", *(heading(label) for label, _ in shown.values())]
     rows = (
         [
             row["service"],
             row["policy"],
-            *(
-                _short(row["measures"][name], ".1f" if form == "d" else form)
-                for name, (_, form) in looks.items()
-            ),
+            *(_short(row["measures"][name], form) for name, (_, form) in shown.items()),
         ]
         for row in comparison.by_service
     )
@@ -199,14 +197,14 @@ def _worst(comparison: Compared) -> Html:
 
 def _runs(comparison: Compared) -> Html:
     """Return the values of each seed, and the folder and command of each run."""
-    looks = compared(comparison.content["replications"][0])
-    headings = ["policy", "seed", "world", *(heading(label) for label, _ in looks.values())]
+    shown = looks(comparison.content["policies"][0]["measures"])
+    headings = ["policy", "seed", "world", *(heading(label) for label, _ in shown.values())]
     values = (
         [
             row["policy"],
             row["seed"],
             row["world_seed"],
-            *(number(row[name], form) for name, (_, form) in looks.items()),
+            *(number(row[name], form) for name, (_, form) in shown.items()),
         ]
         for row in comparison.content["replications"]
     )

@@ -8,18 +8,19 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
 from desim_uav import __version__
+from desim_uav.measures.tally import MEASURED, Tally
 from desim_uav.report import markup
 from desim_uav.report.inline_svg import drawn
 from desim_uav.report.manifest import engine_of
 from desim_uav.report.run import Run
-from desim_uav.report.text import MEASURES
+from desim_uav.report.text import MEASURES, Looks, Row
 from desim_uav.scenario.facts import scenario_facts
 
 if TYPE_CHECKING:
@@ -47,6 +48,11 @@ class Reported(Run):
     def place(self) -> str:
         """The path of the run's folder as the page shows it, or that the run is in memory."""
         return "in memory" if self.passing else str(self.folder)
+
+    def groups(self, by: str) -> list[dict[str, Any]]:
+        """Return the measures of each group of requests and sensors."""
+        there = [name for name in MEASURED if (self.folder / f"{name}.parquet").is_file()]
+        return Tally(by).add(**{name: self.counted(name) for name in there}).groups()
 
     @property
     def has_replay(self) -> bool:
@@ -107,8 +113,8 @@ def tiles(pairs: Iterable[tuple[str, str]]) -> markup.Html:
 
 def qoe_table(
     by: str,
-    rows: Sequence[dict[str, Any]],
-    looks: Mapping[str, tuple[str, str]] = MEASURES | OF_EPISODES,
+    rows: Sequence[Row],
+    looks: Looks = MEASURES | OF_EPISODES,
 ) -> markup.Html:
     """Return a table of the measures of groups of requests, as in ``desim-uav qoe``."""
     columns = {name: look for name, look in looks.items() if any(name in row for row in rows)}

@@ -18,9 +18,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import Measures, UserState
+from desim_uav.engine.base import Measures, TaskQueue, UserState
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import US, Mode, Phase
+from desim_uav.model.services import COMPUTING
 from desim_uav.report.batteries import battery_curve, charges_before
 from desim_uav.report.links import full_service_s
 from desim_uav.report.run import Run
@@ -33,6 +34,12 @@ Ints = NDArray[np.int64]
 PHASES = 16
 """An instant and a phase are one number, ``t_us * PHASES + phase``, which sorts as they do."""
 
+CLOSES = ("complete", "refuse", "close", "late", "drop")
+"""The events that end a request."""
+
+ON_TASKS = ("request", "stage", "serve", *CLOSES)
+"""The events that move a task, in the order in which they follow each other in an instant."""
+
 MODES = tuple(mode.name.lower() for mode in Mode)
 
 
@@ -40,7 +47,8 @@ class Moment(NamedTuple):
     """The state at an instant. Positions are in metres; unlimited ``batteries_s`` are None.
 
     ``holders`` has the drone that each user is attached to, or -1, and ``serving`` the drone that
-    serves each user's request, or -1.
+    serves each user's request, or -1. ``queues`` are those at the processors of drones and access
+    points; there are none if no service has tasks.
     """
 
     t_us: int
@@ -52,6 +60,7 @@ class Moment(NamedTuple):
     holders: Ints
     serving: Ints
     measures: Measures
+    queues: list[TaskQueue]
 
 
 @dataclass(frozen=True)
@@ -87,6 +96,7 @@ class Playback:
             holders,
             serving,
             self._measures(t_us, key),
+            self._queues(key, serving),
         )
 
     # ---- drones
@@ -224,6 +234,57 @@ class Playback:
         """The times in which users compute parts of their tasks themselves; at most one each."""
         return self._spells("compute", "computed")
 
+    @cached_property
+    def standing(self) -> Spells:
+        """The times in which tasks stand at processors, which compute them then or later.
+
+        A task arrives with a ``stage``, or with ``serve`` if it is computed first of all, and
+        stands there until another stage begins, also because it is lost, or until it is over.
+        """
+        events = self._events.dropna(subset=["request_id"])
+        order = events["kind"].map({kind: k for k, kind in enumerate(ON_TASKS)})
+        events = events.assign(order=order).dropna(subset=["order"])
+        events = events.sort_values(["key", "order"], kind="stable")
+        if "stage" not in events:
+            events = events.assign(stage=0)
+        names = ["key", "kind", "drone", "user", "request_id", "stage"]
+        columns = [events[name].fillna(-1).tolist() for name in names]
+        since, stage_of = dict[int, tuple[int, int]](), dict[int, int]()
+        spells: list[tuple[int, ...]] = []
+        for key, kind, drone, user, request, stage in zip(*columns, strict=True):
+            if kind != "serve":
+                stage_of[request] = max(stage, 0)
+                if request in since:
+                    site, came = since.pop(request)
+                    times = came, came // PHASES, key, key // PHASES
+                    spells.append((site, user, request, *times))
+            stands = kind in ("stage", "serve") and request not in since and drone >= 0
+            if stands and self._computed[request, stage_of[request]]:
+                since[request] = drone, key
+        return Spells(*np.array(spells, np.int64).reshape(-1, len(Spells._fields)).T)
+
+    @cached_property
+    def _computed(self) -> NDArray[np.bool_]:
+        """Whether a processor does a stage, by request and stage."""
+        services, requests = self.run.world.services, self.run.of("requests", self.episode)
+        most = max(map(len, services.stages))
+        computed = np.zeros((len(requests), most), bool)
+        for name, stages in zip(services.names, services.stages, strict=True):
+            own = requests.loc[requests["service"] == name, "request_id"].to_numpy(np.int64)
+            for number, (line, *_) in enumerate(stages):
+                computed[own, number] = line == COMPUTING
+        return computed
+
+    def _queues(self, key: int, serving: Ints) -> list[TaskQueue]:
+        """Return the queues at the processors; ``serving`` is the drone that serves each user."""
+        if not self.run.world.services.has_tasks:
+            return []
+        on = self.standing.on(key)
+        sites, at_work = self.standing.drone[on], serving[self.standing.user[on]] >= 0
+        senders = self.run.scenario.drone_count + len(self.run.scenario.access_points)
+        counts = [np.bincount(sites[of], minlength=senders) for of in (at_work, ~at_work)]
+        return [TaskQueue(*each) for each in np.transpose(counts).tolist()]
+
     def _spells(self, begins: str, ends: str) -> Spells:
         """Return each beginning with its end, which is the next of the same drone and user."""
         events = self._events[self._events["kind"].isin([begins, ends])]
@@ -245,7 +306,7 @@ class Playback:
         requests = self.run.of("requests", self.episode)
         events = self._events.dropna(subset=["request_id"])
         opened = events[events["kind"] == "request"]
-        closed = events[events["kind"].isin(["complete", "refuse", "close", "late", "drop"])]
+        closed = events[events["kind"].isin(CLOSES)]
 
         def key_of(rows: pd.DataFrame) -> Ints:
             keys = pd.Series(rows["key"].to_numpy(), rows["request_id"].to_numpy(np.int64))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from desim_uav import qoe
 from desim_uav.errors import NoEventsError
+from desim_uav.measures.known import KNOWN
 from desim_uav.report import figures
 from desim_uav.report.figures.style import MOST_PANELS, NARROW
 from desim_uav.report.markup import Html, facts, folded, joined, paragraph, tag
@@ -22,7 +22,7 @@ from desim_uav.report.page import (
     scenario_section,
     tiles,
 )
-from desim_uav.report.text import MEASURES, TASKS
+from desim_uav.report.text import tables_of
 from desim_uav.report.worst import worst_requests
 
 MOST_EPISODES = 200
@@ -69,18 +69,18 @@ def _quality(run: Reported) -> Html:
             ("energy used", f"{number(summary['energy_wh'], '.1f')} Wh"),
             ("per Mbit served", f"{number(summary['j_per_mbit'], '.1f') or '-'} J"),
         ]
-    there = [name for name in (*MEASURES, *TASKS) if name in summary]
-    requests, measures = run.counted("requests"), {name: summary[name] for name in there}
-    rows = [{"service": "all"} | measures, *qoe.grouped(requests, "service")]
-    groups, tasks = "group" in requests, "deadlines_met_percent" in measures
-    of_groups = [{"group": "all"} | measures, *(qoe.grouped(requests, "group") if groups else ())]
+    first += [
+        (KNOWN[name].label, number(summary.get(name), KNOWN[name].short) or "-")
+        for name in ("completion_p95_s", "deadlines_met_percent", "age_s", "worst_age_s")
+        if name in summary
+    ]
+    groups = "group" in run.counted("requests")
     return joined(
         [
             tiles(first),
             tag("h3", "By service"),
-            qoe_table("service", rows),
-            qoe_table("service", rows, TASKS) if tasks else None,
-            *([tag("h3", "By group of users"), qoe_table("group", of_groups)] if groups else ()),
+            *_by("service", run),
+            *([tag("h3", "By group of users"), *_by("group", run)] if groups else ()),
             paragraph(
                 "QoE1: the share of the requested time that was served, a mean over requests. "
                 "QoE2: the time a request was open and not served, in steps. QoE3: the share of "
@@ -94,8 +94,14 @@ def _quality(run: Reported) -> Html:
     )
 
 
+def _by(by: str, run: Reported) -> list[Html]:
+    """Return the tables of services, or of other groups, each below everything together."""
+    rows = [{by: "all"} | run.summary, *run.groups(by)]
+    return [qoe_table(by, own, looks) for looks, own in tables_of(rows)]
+
+
 def _by_episode(run: Reported) -> Html:
-    of_requests = {row["episode"]: row for row in qoe.grouped(run.counted("requests"), "episode")}
+    of_requests = {row["episode"]: row for row in run.groups("episode")}
     columns = ["episode", "qoe3_percent", "crashes", "reward"]
     rows = [
         {"requests": 0} | of_requests.get(row["episode"], {}) | row

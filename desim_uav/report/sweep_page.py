@@ -10,13 +10,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from desim_uav.measures.known import KNOWN, looks
 from desim_uav.report.figures import intervals_figure, sweep_figure
 from desim_uav.report.intervals import have_interval, mean_words, sentence
 from desim_uav.report.markup import Html, code, facts, html, joined, paragraph, table, tag
 from desim_uav.report.page import Picture, count, gallery, heading, number, page
-from desim_uav.report.text import COMPARED, compared, word
+from desim_uav.report.text import word
 
-DRAWN = ("qoe1_percent", "qoe2_iterations", "qoe3_percent")
+DRAWN = (
+    *("qoe1_percent", "qoe2_iterations", "qoe3_percent"),
+    *("completion_s", "deadlines_met_percent", "age_s"),
+)
+"""The measures that are drawn, as far as the sweep has them."""
+
 MOST_FAILURES = 100
 
 
@@ -55,14 +61,14 @@ def _results(sweep: Swept) -> Html:
     """Return the table: a row per combination and policy."""
     keys, estimates = list(sweep.content["keys"]), sweep.content["estimates"]
     headings = [*map(_key_heading, keys), "policy", "seeds"]
-    looks = compared(estimates[0]["measures"])
-    headings += [heading(label) for label, _ in looks.values()]
+    shown = looks(estimates[0]["measures"])
+    headings += [heading(label) for label, _ in shown.values()]
     rows = (
         [
             *(word(row[key]) for key in keys),
             row["policy"],
             max(of["n"] for of in row["measures"].values()),
-            *(_estimate(row["measures"][name], form) for name, (_, form) in looks.items()),
+            *(_estimate(row["measures"][name], form) for name, (_, form) in shown.items()),
         ]
         for row in estimates
     )
@@ -88,7 +94,8 @@ def _estimate(estimate: dict[str, Any], form: str) -> Html:
 
 def _figures(sweep: Swept) -> Html:
     content = sweep.shown
-    titles = {name: COMPARED[name][0] for name in DRAWN}
+    there = content["estimates"][0]["measures"] if content else ()
+    titles = {name: KNOWN[name].label for name in DRAWN if name in there}
     if sweep.left_out:
         return paragraph(sweep.left_out, class_="note")
     if not content["keys"]:
@@ -98,7 +105,7 @@ def _figures(sweep: Swept) -> Html:
     fixed = ", ".join(f"{key} = {value}" for key, value in content["held"].items())
     caption = f"Against {' and '.join(content['keys'])}{f', with {fixed}' if fixed else ''}."
     pictures = [
-        Picture(titles[name], caption, partial(sweep_figure, content, [name])) for name in DRAWN
+        Picture(titles[name], caption, partial(sweep_figure, content, [name])) for name in titles
     ]
     more = "Other values are drawn by desim-uav plot sweep with --key KEY=VALUE." if fixed else None
     return joined([gallery(pictures, 0), paragraph(more, class_="note") if more else None])

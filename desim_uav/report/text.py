@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich import box
@@ -12,71 +12,56 @@ from rich.table import Table
 from rich.text import Text
 
 from desim_uav.errors import printable
+from desim_uav.measures.known import KNOWN, looks, narrow
 from desim_uav.notices import tell
 from desim_uav.report.intervals import NONE_FROM_ONE, have_single, mean_words
 
 PIPED_WIDTH = 200
-TRAINED = ("reward_mean", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
-MEASURES = {
-    "requests": ("requests", "d"),
-    "qoe1_percent": ("QoE1\n%", ".1f"),
-    "qoe1_feasible_percent": ("feasible\nQoE1 %", ".1f"),
-    "qoe2_iterations": ("QoE2\nsteps", ".2f"),
-    "qoe3_percent": ("QoE3\n%", ".1f"),
-    "qoe3_active_percent": ("active\nQoE3 %", ".1f"),
-    "completed": ("comp-\nleted", "d"),
-    "unfinished": ("unfin-\nished", "d"),
-    "never_served": ("never\nserved", "d"),
-}
-"""Headings and formats; the table fits a terminal of 80 columns."""
+Row = Mapping[str, Any]
+"""The measures of a service, or of another group of requests."""
 
-FORKED = {name: MEASURES[name] for name in ("qoe1_percent", "qoe2_iterations", "qoe3_percent")} | {
+Looks = Mapping[str, tuple[str, str]]
+"""The headings and formats of measures, by name."""
+
+TRAINED = ("reward_mean", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
+MEASURES = narrow(
+    (
+        *("requests", "qoe1_percent", "qoe1_feasible_percent", "qoe2_iterations", "qoe3_percent"),
+        *("qoe3_active_percent", "completed", "unfinished", "never_served"),
+    )
+)
+"""The measures of all services: headings and formats. The table fits a terminal of 80 columns."""
+
+TASKS = narrow(
+    (
+        *("completion_s", "completion_p95_s", "waiting_s", "sending_s", "computing_s", "own_s"),
+        "deadlines_met_percent",
+    )
+)
+"""The same of services that have tasks."""
+
+DELIVERED = narrow(
+    (
+        *("throughput_mbps", "late", "restarts", "drone_j_per_task", "user_j_per_task"),
+        *("fairness", "worst_tenth_qoe1_percent"),
+    )
+)
+"""The same of services that ask for volumes."""
+
+AGES = narrow(
+    (
+        *("age_s", "peak_age_s", "worst_age_s", "age_violation_percent", "updates"),
+        *("updates_delivered", "updates_dropped", "updates_lost"),
+    )
+)
+"""The same of services whose updates sensors send."""
+
+FORKED = narrow(("qoe1_percent", "qoe2_iterations", "qoe3_percent")) | {
     "reward_mean": ("reward", ".3f"),
     "requests": ("requests", "d"),
     "crashes": ("crashes", "d"),
 }
 """The measures of the branches of a run: headings and formats."""
-
-COMPARED = {
-    "qoe1_percent": ("QoE1 %", ".2f"),
-    "qoe1_feasible_percent": ("feasible QoE1 %", ".2f"),
-    "qoe2_iterations": ("QoE2 steps", ".3f"),
-    "qoe3_percent": ("QoE3 %", ".2f"),
-    "qoe3_active_percent": ("active QoE3 %", ".2f"),
-    "crashes_per_drone_episode": ("crashes/drone/ep.", ".4f"),
-    "reward_mean": ("reward", ".3f"),
-}
-"""The headings and formats of a comparison's measures; its tables fit 100 columns."""
-
-OF_ENERGY = {"j_per_mbit": ("J per Mbit", ".2f")}
-"""The same for what is measured if batteries hold energy."""
-
-OF_SOME = OF_ENERGY | {
-    "completion_s": ("delay s", ".3f"),
-    "deadlines_met_percent": ("in time %", ".2f"),
-}
-"""The same for what is measured in some scenarios only."""
-
-LOOKS = COMPARED | OF_SOME
-"""The headings and formats of all measures of a comparison."""
-
-TASKS = {
-    "completion_s": ("delay\ns", ".3f"),
-    "completion_p95_s": ("95 % of\ndelays s", ".3f"),
-    "waiting_s": ("waiting\ns", ".3f"),
-    "sending_s": ("sending\ns", ".3f"),
-    "computing_s": ("comp-\nuting s", ".3f"),
-    "own_s": ("own\ns", ".3f"),
-    "deadlines_met_percent": ("in time\n%", ".1f"),
-    "late": ("drop-\nped", "d"),
-    "restarts": ("begun\nanew", "d"),
-}
-"""The headings and formats of the measures of tasks, in a table of their own."""
-
-
-def compared(there: Collection[str]) -> dict[str, tuple[str, str]]:
-    """Return the headings and formats of those measures of a comparison that are there."""
-    return {name: look for name, look in LOOKS.items() if name in there}
 
 
 def print_table(table: Table) -> None:
@@ -89,8 +74,7 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     """Print the table at the end of a run: all requests, and requests by service."""
     rows = [{"service": "all"} | summary, *by_service]
     title = "{scenario}, {policy}, seed {seed}{world}: {episodes} episode(s), {crashes} crash(es)"
-    _print("service", rows, title.format(**summary, world=in_world(summary)))
-    _print_tasks("service", rows)
+    _print_all("service", rows, title.format(**summary, world=in_world(summary)))
     if "link_handovers" in summary:
         tell(links_in_words(summary))
     if "conflicts" in summary:
@@ -128,15 +112,12 @@ def print_fork(content: dict[str, Any]) -> None:
 
 
 BENCHED = (
-    {name: COMPARED[name] for name in ("qoe1_percent", "qoe3_percent")}
-    | {
-        "qoe3_at_most_percent": ("at most\nQoE3 %", ".2f"),
-        "crashes_per_drone_episode": COMPARED["crashes_per_drone_episode"],
-        "fairness": ("fairness", ".4f"),
-        "worst_tenth_qoe1_percent": ("worst tenth\nQoE1 %", ".2f"),
-        "decision_ms": ("decision\nms", ".2f"),
-    }
-    | OF_ENERGY
+    looks(("qoe1_percent", "qoe3_percent"))
+    | {"qoe3_at_most_percent": ("at most\nQoE3 %", ".2f")}
+    | looks(("crashes_per_drone_episode",))
+    | narrow(("fairness", "worst_tenth_qoe1_percent"))
+    | {"decision_ms": ("decision\nms", ".2f")}
+    | looks(("j_per_mbit",))
 )
 """The measures of a seed of a submission: headings and formats."""
 
@@ -206,13 +187,12 @@ def word(value: object) -> str:
 def print_summary(summary: dict[str, Any]) -> None:
     """Print each measure on a line of its own."""
     for name, value in summary.items():
-        tell(f"{name:22s} {_value_text(value)}")
+        tell(f"{name:24s} {_value_text(value)}")
 
 
 def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
     """Print a row for each group of requests."""
-    _print(by, rows, "")
-    _print_tasks(by, rows)
+    _print_all(by, rows)
 
 
 def print_comparison(comparison: dict[str, Any]) -> None:
@@ -263,33 +243,60 @@ def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> No
     table.add_column("policy", overflow="fold", max_width=32)
     for heading in (counted, "mean", "", "", ""):
         table.add_column(heading, justify="right", no_wrap=True)
-    for name, (label, form) in compared(rows[0]["measures"]).items():
+    for name, (label, form) in looks(rows[0]["measures"]).items():
         for number, row in enumerate(rows):
             last = number == len(rows) - 1
-            cells = estimate_cells(row["measures"][name], form)
+            cells = estimate_cells(name, row["measures"][name], form)
             table.add_row("" if number else label, _text(row["policy"]), *cells, end_section=last)
     print_table(table)
 
 
-def estimate_cells(estimate: dict[str, Any], form: str) -> tuple[str, ...]:
-    """Return the number of replications, mean, half-width, interval, and "≠ 0" if that holds."""
+def estimate_cells(measure: str, estimate: dict[str, Any], form: str) -> tuple[str, ...]:
+    """Return the number of replications, mean, half-width, interval, and what a difference means.
+
+    The last is "≠ 0" if its interval excludes zero, and whether this is better or worse.
+    """
     mean, half_width = _cell(estimate, "mean", form), _cell(estimate, "half_width", form)
     if not half_width:
         return str(estimate["n"]), mean, "", "", ""
     interval = f"[{_cell(estimate, 'low', form)}, {_cell(estimate, 'high', form)}]"
-    outside = "≠ 0" if estimate.get("excludes_zero") else ""
+    outside = ""
+    if estimate.get("excludes_zero"):
+        verdict = KNOWN[measure].verdict(estimate["mean"])
+        outside = f"≠ 0, {verdict}" if verdict else "≠ 0"
     return str(estimate["n"]), mean, f"± {half_width}", interval, outside
 
 
-def _print_tasks(by: str, rows: list[dict[str, Any]]) -> None:
-    """Print the measures of tasks, if there are tasks."""
-    if rows and "deadlines_met_percent" in rows[0]:
-        _print(by, rows, "", TASKS)
+MORE: Sequence[tuple[str, Looks]] = (
+    ("restarts", TASKS),
+    ("throughput_mbps", DELIVERED),
+    ("age_s", AGES),
+)
+"""Further tables, each with a measure that services have which belong into it."""
 
 
-def _print(
-    by: str, rows: list[dict[str, Any]], title: str, every: Mapping[str, Any] = MEASURES
-) -> None:
+def tables_of(rows: Sequence[Row]) -> list[tuple[Looks, Sequence[Row]]]:
+    """Return the tables of the measures of services, or of other groups, each with its rows.
+
+    The first has all rows. The others have those rows that belong into them, and the measures that
+    one of these has; a table without rows is left out.
+    """
+    whole = {name: look for name, look in MEASURES.items() if any(name in row for row in rows)}
+    tables: list[tuple[Looks, Sequence[Row]]] = [(whole, rows)]
+    for mark, every in MORE:
+        own = [row for row in rows if row.get(mark) is not None]
+        there = [name for name in every if any(row.get(name) is not None for row in own)]
+        tables += [({name: every[name] for name in there}, own)] if own else []
+    return tables
+
+
+def _print_all(by: str, rows: Sequence[Row], title: str = "") -> None:
+    """Print the tables of the measures of some rows, and the title above the first one."""
+    for number, (looks_of, own) in enumerate(tables_of(rows)):
+        _print(by, own, title if number == 0 else "", looks_of)
+
+
+def _print(by: str, rows: Sequence[Row], title: str, looks_of: Looks) -> None:
     table = Table(
         title=_text(title) if title else None,
         box=box.SIMPLE_HEAD,
@@ -297,11 +304,11 @@ def _print(
         title_justify="left",
     )
     table.add_column(by, no_wrap=True)
-    looks = {name: look for name, look in every.items() if any(name in row for row in rows)}
-    for heading, _ in looks.values():
+    for heading, _ in looks_of.values():
         table.add_column(heading, justify="right")
     for row in rows:
-        table.add_row(_text(row[by]), *(_cell(row, name, look[1]) for name, look in looks.items()))
+        cells = (_cell(row, name, form) for name, (_, form) in looks_of.items())
+        table.add_row(_text(row[by]), *cells)
     print_table(table)
 
 
@@ -310,7 +317,7 @@ def _text(value: object) -> Text:
     return Text(printable(str(value)))
 
 
-def _cell(row: dict[str, Any], name: str, form: str) -> str:
+def _cell(row: Row, name: str, form: str) -> str:
     value = row.get(name)
     return "" if value is None or math.isnan(value) else format(value, form)
 

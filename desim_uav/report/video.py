@@ -18,7 +18,7 @@ from PIL.ImageColor import getrgb
 from desim_uav.disk import write_at
 from desim_uav.drawing import sprites
 from desim_uav.drawing.frame import HEIGHT, WIDTH, Painter
-from desim_uav.engine.base import Measures, UserState
+from desim_uav.engine.base import Measures, TaskQueue, UserState
 from desim_uav.errors import DesimError, MissingExtraError, UsageError
 from desim_uav.model.rules import US
 from desim_uav.model.state import Observation, Snapshot
@@ -122,6 +122,10 @@ class MomentView:
     def user_states(self) -> list[UserState]:
         """Return the state of each user."""
         return self.moment.states
+
+    def queues(self) -> list[TaskQueue]:
+        """Return the queue at the processor of each drone and access point."""
+        return self.moment.queues
 
     def measures(self) -> Measures:
         """Return the quality of experience so far."""

@@ -1,7 +1,8 @@
 """Writes the parts of the reference that the code itself knows, each time the site is built.
 
 They stand in ``_generated``: the commands (from typer), the keys of a scenario (from the JSON
-Schema), the columns of the tables (from ``desim_uav.records``), the table of the paper (from
+Schema), the columns of the tables (from ``desim_uav.records``), the measures (from
+``desim_uav.measures.known``), the table of the paper (from
 what ``desim-uav reproduce`` has left in ``analysis/paper``), and the leaderboard of the benchmark
 (from ``analysis/leaderboard``). The pages include them.
 """
@@ -14,6 +15,7 @@ from typing import Any
 import cases
 import commands
 import leaderboard
+import measures
 import paper
 import scenario_keys
 import tables
@@ -22,6 +24,8 @@ PARTS = {
     "commands.md": commands.markdown,
     "scenario_keys.md": scenario_keys.markdown,
     "tables.md": tables.markdown,
+    "measures.md": measures.markdown,
+    "measures_compared.md": measures.compared,
     "cases.md": cases.markdown,
     "paper_table.md": paper.default_table,
     "paper_preset.md": paper.paper_table,

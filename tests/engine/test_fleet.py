@@ -12,7 +12,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import tables
-from desim_uav.experiment.run import headline
+from desim_uav.measures.tally import headline
 from desim_uav.model.rules import Action, Mode
 from desim_uav.model.state import Facts
 from desim_uav.sample_path import draw

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from desim_uav.errors import PolicyError, ScenarioError
@@ -17,7 +16,7 @@ from desim_uav.experiment.bench import submission
 from desim_uav.experiment.bench import tasks as frozen
 from desim_uav.experiment.bench.board import board, markdown, profile
 from desim_uav.experiment.bench.bounds import CLOSE, compute, has_bound, kept
-from desim_uav.experiment.bench.measure import Measured, worst_tenth
+from desim_uav.experiment.bench.measure import Measured
 from desim_uav.experiment.bench.profile import figure, panels, shares
 from desim_uav.experiment.bench.score import RESAMPLES, interquartile_mean, resampled, score
 from desim_uav.experiment.bench.submission import ROWS, columns_of, read, read_all
@@ -163,12 +162,6 @@ def test_intervals_are_those_of_rliable():
     found = interquartile_mean(list(values.T))
     assert found.value == pytest.approx(0.82471816, abs=1e-8)
     assert (found.low, found.high) == pytest.approx((0.74940762, 0.88346015), abs=0.003)
-
-
-def test_the_worst_tenth_of_users_by_hand():
-    """Of 11 users two are the worst tenth: 10 % and 20 %."""
-    qoe1 = [0.9] * 9 + [0.1, 0.2]
-    assert worst_tenth(pd.DataFrame({"user": range(11), "qoe1": qoe1})) == pytest.approx(15.0)
 
 
 def submitted(name, *qoe3, bound=90.0, future=False, task="uav-v1/coverage"):

@@ -18,10 +18,11 @@ from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError, ScenarioError
 from desim_uav.experiment import compare
-from desim_uav.experiment.evaluate import MEASURES, evaluate
+from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.run import run
 from desim_uav.experiment.statistics import estimate, paired
+from desim_uav.measures.known import ALWAYS as MEASURES
 from desim_uav.policies import load_policy
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -204,7 +205,7 @@ class TestComparison:
         found = compared("baseline,random,hover")
         assert list(found) == [
             *("scenario", "episodes", "warmup", "confidence", "against", "interrupted"),
-            *("policies", "differences", "replications"),
+            *("better", "policies", "differences", "replications"),
         ]
         assert (found["scenario"], found["episodes"], found["warmup"]) == ("case8", 2, 1)
         assert (found["confidence"], found["interrupted"]) == (0.95, False)
@@ -539,8 +540,9 @@ class TestTable:
         ]
         for name, label in (("qoe1_percent", "QoE1 %"), ("reward_mean", "reward")):
             line = next(line for line in differences.splitlines() if label in line)
-            excludes = found["differences"][0]["measures"][name]["excludes_zero"]
-            assert line.rstrip().endswith("≠ 0") is excludes
+            difference = found["differences"][0]["measures"][name]
+            word = "better" if difference["mean"] > 0 else "worse"
+            assert line.rstrip().endswith(f"≠ 0, {word}") is difference["excludes_zero"]
 
     def test_fits_100_columns(self, cli_run, monkeypatch):
         Path("a" * 60 + ".csv").write_text("step,drone,action\n")

@@ -4,7 +4,7 @@ import pytest
 
 from desim_uav.api.pictures import write_report as report
 from desim_uav.experiment.command import read_summary
-from desim_uav.experiment.run import Tally
+from desim_uav.measures.tally import Tally
 from desim_uav.records import APART
 from desim_uav.report.run import Run
 from desim_uav.report.text import print_run

@@ -18,11 +18,12 @@ from desim_uav.errors import PolicyError
 from desim_uav.experiment import report as reporting
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.statistics import estimate
+from desim_uav.measures.known import ALWAYS, looks
 from desim_uav.parquet_file import parquet
 from desim_uav.report import page as page_module
 from desim_uav.report import run_page
 from desim_uav.report.markup import Html
-from desim_uav.report.text import COMPARED, MEASURES
+from desim_uav.report.text import MEASURES
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
@@ -258,7 +259,7 @@ class TestSeveral:
             assert [row[0] for row in shown[1:]] == [row["policy"] for row in content[name]]
             for row, said in zip(shown[1:], content[name], strict=True):
                 assert row[1] == "3"
-                for cell, (measure, (_, form)) in zip(row[2:], COMPARED.items(), strict=True):
+                for cell, (measure, (_, form)) in zip(row[2:], looks(ALWAYS).items(), strict=True):
                     found = said["measures"][measure]
                     mean, half, low, high = (
                         format(found[key], form) for key in ("mean", "half_width", "low", "high")
@@ -269,7 +270,9 @@ class TestSeveral:
         marked = [
             f"{found['mean']:{form}} ± {found['half_width']:{form}}"
             for row in compare_runs(runs).content()["differences"]
-            for found, (_, form) in zip(row["measures"].values(), COMPARED.values(), strict=True)
+            for found, (_, form) in zip(
+                row["measures"].values(), looks(ALWAYS).values(), strict=True
+            )
             if found["excludes_zero"]
         ]
         assert marked, "choose other policies: these do not differ"

@@ -13,13 +13,14 @@ import pytest
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import UsageError
-from desim_uav.experiment.evaluate import MEASURES, evaluate
+from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep import job, run
 from desim_uav.experiment.sweep.grid import axes
 from desim_uav.experiment.sweep.pictures import plot_sweep, sweep_report
 from desim_uav.experiment.sweep.plan import SweepPlan, arms, policy_digest
 from desim_uav.lock import held
+from desim_uav.measures.known import ALWAYS as MEASURES
 from desim_uav.policies.tabular import read_table
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

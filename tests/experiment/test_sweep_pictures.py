@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from desim_uav.experiment.evaluate import MEASURES
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep.folder import SweepFolder
 from desim_uav.experiment.sweep.grid import axes
 from desim_uav.experiment.sweep.pictures import plot_sweep, sweep_report
 from desim_uav.experiment.sweep.results import read_sweep
+from desim_uav.measures.known import ALWAYS as MEASURES
 from desim_uav.report.figures.style import to_bytes
 from tests.command_line import runner
 

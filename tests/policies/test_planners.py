@@ -12,8 +12,9 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.command import label_of
-from desim_uav.experiment.run import headline, play, run
+from desim_uav.experiment.run import play, run
 from desim_uav.experiment.sweep.plan import policy_digest
+from desim_uav.measures.tally import headline
 from desim_uav.model.geometry.coverage import WalkLeg, all_walked, walked
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Action, Mode

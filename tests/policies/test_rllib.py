@@ -21,8 +21,9 @@ import desim_uav as du
 from desim_uav.env import UavParallelEnv
 from desim_uav.env.configure import configured
 from desim_uav.errors import MissingExtraError, PolicyError
-from desim_uav.experiment.run import headline, play, run
+from desim_uav.experiment.run import play, run
 from desim_uav.experiment.sweep.plan import policy_digest
+from desim_uav.measures.tally import headline
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.rllib import RLlib, save

@@ -23,7 +23,8 @@ from desim_uav import cli
 from desim_uav.env import UavEnv, UavParallelEnv
 from desim_uav.env.configure import configured
 from desim_uav.errors import MissingExtraError, PolicyError
-from desim_uav.experiment.run import headline, play, run
+from desim_uav.experiment.run import play, run
+from desim_uav.measures.tally import headline
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy, sb3
 from desim_uav.policies.base import decide, file_of

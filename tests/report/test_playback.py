@@ -1,5 +1,6 @@
 """An episode in continuous time, against the engine that flew it."""
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,20 @@ KINDS = {
         ),
     ),
     "unlimited": ("tiny", "baseline", ()),
+    "computing": (
+        *("case8", "random"),
+        (
+            *("users.count=16", "episode.steps=12", "users.processor={ghz: 0.02}"),
+            *("drones.battery.autonomy_min=6", "drones.battery.return_below=0.3"),
+            "drones.processor={cores: 1, ghz: 0.2}",
+            "drones.radio={kind: link_classes, sharing: equal}",
+            "access_points=[{at_m: [1200, 1200], height_m: 20, radio: {kind: link_classes, "
+            "sharing: equal}, processor: {cores: 2, ghz: 0.1}}]",
+            "services={vision: {kind: compute, input_mbit: [1, 4], cycles_per_bit: [3000], "
+            "output_mbit: [0.5], deadline_s: 200, on_deadline: drop}}",
+            *("demand.mix={vision: 1}", "reward={kind: coverage_battery}", "offloading=split"),
+        ),
+    ),
     "mixed": ("case8", "random", ("episode.steps=12", "users.count=16", f"drones={MIXED}")),
 }
 
@@ -62,7 +77,8 @@ def engine_states(run, policy_name):
         policy.begin(world, Streams(seed, Purpose.LEARNER, episode), carried)
         shown = engine.reset(path)
         while True:
-            told = (shown, engine.positions_m(), engine.user_states(), engine.measures())
+            users = engine.user_states(), engine.queues()
+            told = (shown, engine.positions_m(), users, engine.measures())
             states[episode, shown.t_us] = told
             if shown.terminated or shown.truncated:
                 break
@@ -72,15 +88,19 @@ def engine_states(run, policy_name):
 
 def test_it_tells_what_the_engine_showed(played):
     run, states = played
-    modes = set()
+    modes, tasks = set(), Counter()
     playbacks = [Playback(run, episode) for episode in range(3)]
-    for (episode, t_us), (shown, (drones_m, users_m), users, measures) in states.items():
+    for (episode, t_us), (shown, (drones_m, users_m), (users, queues), measures) in states.items():
         over = shown.terminated or shown.truncated
         moment = playbacks[episode].at(t_us, Phase.ATTACHMENT if over else Phase.RESPAWN)
         assert moment.drones_m == pytest.approx(drones_m, abs=1e-6)
         assert moment.users_m == pytest.approx(users_m, abs=1e-6)
         assert [mode.name for mode in moment.modes] == [o.mode.name for o in shown.observations]
         assert moment.states == users
+        if not over:  # then its tasks are closed
+            assert moment.queues == queues
+            for queue in queues:
+                tasks.update(queue._asdict())
         for seen, battery_s, held in zip(
             shown.observations,
             moment.batteries_s,
@@ -89,10 +109,13 @@ def test_it_tells_what_the_engine_showed(played):
         ):
             assert battery_s == (None if seen.battery_s is None else pytest.approx(seen.battery_s))
             assert held == seen.attached_users or over
-        for told, known in zip(moment.measures, measures, strict=True):
+        exact = slice(1 if queues else 0, None)  # the film counts a share of all stages together
+        for told, known in zip(moment.measures[exact], measures[exact], strict=True):
             assert told == (None if known is None else pytest.approx(known, abs=1e-9)) or t_us == 0
         modes |= set(moment.modes)
     assert Mode.FLYING in modes
+    if run.world.services.has_tasks:
+        assert min(tasks.values()) > 10
 
 
 def test_between_epochs_a_battery_is_that_of_an_endurance(played):

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
-from desim_uav import qoe
 from desim_uav.commands.given import Command
 from desim_uav.engine.episode import Engine
 from desim_uav.experiment.bench.bounds import bound_of
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, BenchTrack, Task
-from desim_uav.experiment.evaluate import measures_of
-from desim_uav.experiment.run import Results, counted, headline, run
+from desim_uav.experiment.evaluate import replicated
+from desim_uav.experiment.run import Results, run
+from desim_uav.measures.known import ALWAYS, KNOWN
+from desim_uav.measures.tally import headline
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
 from desim_uav.policies import Policy, load_policy
@@ -31,10 +30,9 @@ TimedCommands = NDArray[np.int8]
 """Of a seed: (episodes, steps, drones), indices of actions; NONE where no step was taken."""
 
 NONE = -1
-WORST_SHARE = 0.1
 
-OF_USERS = ("fairness", "worst_tenth_qoe1_percent")
-"""The measures of a row that follow from the commands, beside those of a replication."""
+MEASURES = (*ALWAYS, "j_per_mbit", "fairness", "worst_tenth_qoe1_percent")
+"""The measures of a row that follow from the commands; not all tasks have energy."""
 
 DIGESTED = {
     "requests": (
@@ -153,22 +151,13 @@ def replay(
 
 def replayed(scenario: Scenario) -> tuple[str, ...]:
     """Return the measures of a row in a scenario that follow from the commands."""
-    return (*measures_of(scenario), *OF_USERS)
+    return tuple(name for name in MEASURES if KNOWN[name].where.holds(scenario))
 
 
 def measures(results: Results, scenario: Scenario) -> dict[str, float | None]:
     """Return the measures of the counted episodes of a run."""
-    values: dict[str, Any] = headline(results.requests, results.episodes)
-    values["crashes_per_drone_episode"] = values["crashes"] / (EPISODES * scenario.drone_count)
-    values["worst_tenth_qoe1_percent"] = worst_tenth(counted(results.requests))
-    return {name: values[name] for name in replayed(scenario)}
-
-
-def worst_tenth(requests: pd.DataFrame) -> float | None:
-    """Return the mean QoE1 in percent of the tenth of users with the lowest, at least of one."""
-    of_users = np.sort(qoe.Fairness().add(requests).of_each_user())
-    worst = of_users[: math.ceil(WORST_SHARE * len(of_users))]
-    return float(100.0 * worst.mean()) if len(worst) else None
+    found = headline(results.requests, results.episodes)
+    return replicated(found, scenario, replayed(scenario))
 
 
 def digest(results: Results) -> str:

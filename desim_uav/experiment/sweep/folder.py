@@ -17,12 +17,12 @@ from desim_uav import __version__
 from desim_uav.checksums import of_row
 from desim_uav.disk import write_whole
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.evaluate import MEASURES, SOMETIMES
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, JobOutcome, JobRow
 from desim_uav.experiment.sweep.plan import ScenarioSource
 from desim_uav.lock import held
+from desim_uav.measures.known import ALWAYS, KNOWN
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.rowcode.regular_file import content_of, text_of
 
@@ -39,7 +39,7 @@ PLAN = {"scenario": dict, "columns": dict, "episodes": int, "warmup": int, "jobs
 class SweepFolder:
     """Stores the rows of a sweep's jobs and reads them again."""
 
-    def __init__(self, out: Path, axes: Sequence[Axis], measures: Sequence[str] = MEASURES) -> None:
+    def __init__(self, out: Path, axes: Sequence[Axis], measures: Sequence[str] = ALWAYS) -> None:
         self.out = out
         self.columns = {"job": "string"} | {axis.key: axis.dtype for axis in axes}
         self.columns |= {"policy": "string", "algorithm": "string", "seed": "int64"}
@@ -223,5 +223,5 @@ def read_manifest(file: Path) -> dict[str, Any]:
 
 
 def _typed(columns: dict[str, str]) -> str:
-    keys = {name: of for name, of in columns.items() if name not in (*MEASURES, *SOMETIMES)}
+    keys = {name: of for name, of in columns.items() if name not in KNOWN}
     return ", ".join(f"{name} ({of})" for name, of in keys.items())

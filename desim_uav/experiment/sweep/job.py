@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 
 from desim_uav import __version__
 from desim_uav.errors import DesimError, PolicyError, UsageError
-from desim_uav.experiment.evaluate import evaluate, measures_of
+from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.sweep.grid import MOST
 from desim_uav.experiment.sweep.plan import Arm, SweepPlan, policy_digest, unseeded_hash
 from desim_uav.experiment.train.course import train
+from desim_uav.measures.known import chosen, compared_in
 from desim_uav.policies.base import PolicyLike
 from desim_uav.policies.tabular import Greedy
 from desim_uav.registry import FAULTS, what_failed
@@ -91,26 +92,33 @@ def jobs(plan: SweepPlan, tried: Sequence[Arm]) -> list[Job]:
     return [Job(arm, seed, plan.episodes, plan.warmup) for seed in plan.seeds for arm in tried]
 
 
-def measured(todo: Sequence[Job]) -> tuple[str, ...]:
-    """Return the names of the measures that rows of these jobs have; some may lack energy."""
+def measured(todo: Sequence[Job], more: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the names of the measures of these jobs; a row is null where its scenario has none.
+
+    They are those of comparisons in any of the scenarios, and ``more``. Raises UsageError for one
+    of these that no scenario has.
+    """
     arms = {id(job.arm): job.arm for job in todo}
-    return measures_of(*(arm.scenario for arm in arms.values()))
+    scenarios = [arm.scenario for arm in arms.values()]
+    return tuple(dict.fromkeys((*compared_in(*scenarios), *chosen(more, *scenarios))))
 
 
-def run_job(job: Job, version: str = __version__) -> JobOutcome:
+def run_job(
+    job: Job, version: str = __version__, measures: Sequence[str] | None = None
+) -> JobOutcome:
     """Train if the arm learns, and evaluate; an error becomes part of the outcome.
 
     ``version`` is that of the package on the machine where the sweep began.
     """
     try:
-        return _run(job, version)
+        return _run(job, version, measures)
     except DesimError as error:
         return JobOutcome.failed(" ".join(str(error).split("\n")))
     except FAULTS as error:
         return JobOutcome.failed(what_failed(error))
 
 
-def _run(job: Job, version: str) -> JobOutcome:
+def _run(job: Job, version: str, names: Sequence[str] | None) -> JobOutcome:
     arm, table = job.arm, None
     if __version__ != version:
         here = f"{__version__} on {platform.node()}"
@@ -125,5 +133,7 @@ def _run(job: Job, version: str) -> JobOutcome:
         scenario = arm.scenario.model_copy(update={"seed": job.seed})
         table, _ = train(scenario, arm.engine)
         policy = Greedy.of_table(table, arm.policy)
-    measures = evaluate(arm.scenario, policy, job.seed, job.episodes, job.warmup, arm.engine)
+    measures = evaluate(
+        *(arm.scenario, policy, job.seed, job.episodes, job.warmup, arm.engine), measures=names
+    )
     return JobOutcome(measures, None if table is None else table.to_bytes())

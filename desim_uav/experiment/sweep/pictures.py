@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.errors import UsageError, did_you_mean
-from desim_uav.experiment.evaluate import ENERGY, MEASURES, OF_TASKS, SOMETIMES
+from desim_uav.errors import UsageError
 from desim_uav.experiment.sweep.results import MOST_KEYS, chosen_keys, content, read_sweep
-from desim_uav.report.text import LOOKS, word
+from desim_uav.measures.known import KNOWN, check, looks
+from desim_uav.report.text import word
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,29 +28,21 @@ def plot_sweep(
     """
     from desim_uav.report.figures import intervals_figure, sweep_figure
 
-    names = (*MEASURES, *SOMETIMES)
     for name in measure or ():
-        if name not in names:
-            hint = did_you_mean(name, names)
-            raise UsageError(f"--measure {name}{hint}; allowed: {', '.join(names)}")
+        check(name)
     measures = list(dict.fromkeys(measure or DRAWN))
     results = read_sweep(folder)
     for name in measures:
         if name not in results.measures:
-            raise UsageError(f"--measure {name}: {_WHY_NOT[name]}")
+            lack = KNOWN[name].where.lack or "it was not asked for"
+            raise UsageError(f"--measure {name}: this sweep does not have it: {lack}")
     if not results.keys and not key:
         table = content(results, {})
-        titles = {name: LOOKS[name][0] for name in measures}
+        titles = {name: label for name, (label, _) in looks(measures).items()}
         return intervals_figure(table["estimates"], table["policies"], titles, False)
     value_at = _values_at(key or ())
     fixed = {name: value for name, value in value_at.items() if value is not None}
     return sweep_figure(content(chosen_keys(results, value_at), fixed), measures)
-
-
-_WHY_NOT = {ENERGY: "no battery in this sweep is measured in Wh"} | dict.fromkeys(
-    OF_TASKS, "no service in this sweep has tasks"
-)
-"""Why a sweep has no such measure."""
 
 
 def sweep_report(folder: Path, title: str | None) -> str:

@@ -84,6 +84,8 @@ class SweepPlan:
     episodes: int
     warmup: int
     engine: str = "auto"
+    measures: Sequence[str] = ()
+    """More measures than those of comparisons, which are shown at the end."""
 
     @property
     def source(self) -> ScenarioSource:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.errors import PolicyError, UsageError, did_you_mean
-from desim_uav.experiment.evaluate import MEASURES, SOMETIMES
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep.folder import (
     FAILED,
@@ -21,6 +20,7 @@ from desim_uav.experiment.sweep.folder import (
     read_row,
 )
 from desim_uav.experiment.sweep.job import JobRow
+from desim_uav.measures.known import ALWAYS, KNOWN
 from desim_uav.parquet_file import no_such
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.report.text import word
@@ -52,7 +52,7 @@ class SweepResults:
     @cached_property
     def keys(self) -> dict[str, list[Any]]:
         """The keys that vary, each with its values: numbers ascending, others as first met."""
-        others = (*FIXED, *MEASURES, *SOMETIMES)
+        others = (*FIXED, *KNOWN)
         columns = [key for key in self.manifest["columns"] if key not in others]
         columns = list(self.order) or columns
         values = {key: _ordered(row[key] for row in self.rows) for key in columns}
@@ -61,7 +61,7 @@ class SweepResults:
     @property
     def measures(self) -> tuple[str, ...]:
         """The names of the measures that its rows have."""
-        return (*MEASURES, *(name for name in SOMETIMES if name in self.manifest["columns"]))
+        return tuple(name for name in KNOWN if name in self.manifest["columns"])
 
     @cached_property
     def policies(self) -> list[str]:
@@ -100,7 +100,7 @@ def read_sweep(folder: Path) -> SweepResults:
         raise PolicyError(f"{folder}: not a sweep folder: it has no {RESULTS}/ or no {MANIFEST}")
     manifest = read_manifest(folder / MANIFEST)
     columns = {str(name): str(of) for name, of in manifest["columns"].items()}
-    missing = [name for name in (*FIXED, *MEASURES) if name not in columns]
+    missing = [name for name in (*FIXED, *ALWAYS) if name not in columns]
     if missing:
         raise PolicyError(
             f"{folder / MANIFEST}: not the manifest of a sweep: it has no column {missing[0]}"

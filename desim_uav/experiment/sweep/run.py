@@ -55,7 +55,8 @@ def sweep_to_folder(
     todo = jobs(plan, tried)
     for warning in warnings(tried, plan.seeds):
         say(warning)
-    folder = SweepFolder(out, swept, measured(todo))
+    measures = measured(todo, plan.measures)
+    folder = SweepFolder(out, swept, measures)
     failures, interrupted = list[Failure](), False
     with _backend(backend, workers, address, not show_progress) as run, folder.held():
         exists = folder.open(plan.source, todo, resume, list(command))
@@ -65,7 +66,7 @@ def sweep_to_folder(
         if finished:
             say(f"{len(finished)} of {len(todo)} jobs had ended before")
         left = [job for job in todo if job.id not in finished]
-        ended = run(run_job, [(job, __version__) for job in left], died=JobOutcome.failed)
+        ended = run(run_job, [(job, __version__, measures) for job in left], died=JobOutcome.failed)
         try:
             with progress(show_progress, len(left), "jobs", "batch") as advance, closing(ended):
                 for number, outcome in ended:
@@ -81,7 +82,7 @@ def sweep_to_folder(
             if interrupted:  # perhaps after a row was written and before it was noted here
                 finished = folder.rows(todo)
             rows = [finished[job.id] for job in todo if job.id in finished]
-            results = Done(out, swept, todo, rows, failures, interrupted)
+            results = Done(out, swept, todo, rows, failures, interrupted, plan.measures)
             folder.list_failures(failures)
             write_whole(out / "table.md", results.markdown(command).encode())
     return results

@@ -18,23 +18,22 @@ from desim_uav.experiment.sweep.folder import FAILED
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, JobRow, measured
 from desim_uav.experiment.sweep.plan import Arm
+from desim_uav.measures.known import looks
 from desim_uav.report import notebook
 from desim_uav.report.intervals import mean_words, sentence
-from desim_uav.report.text import OF_SOME
 from desim_uav.typed import typed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN_FAILURES = 10
-SHOWN = {
-    "qoe1_percent": ("QoE1 %", ".1f"),
-    "qoe2_iterations": ("QoE2 steps", ".2f"),
-    "qoe3_percent": ("QoE3 %", ".1f"),
-    "crashes_per_drone_episode": ("crashes/drone/ep.", ".3f"),
-    "reward_mean": ("reward", ".2f"),
-}
-"""Headings and formats of the table at the end of a sweep."""
+SHOWN = (
+    *("qoe1_percent", "qoe2_iterations", "qoe3_percent"),
+    *("crashes_per_drone_episode", "reward_mean", "j_per_mbit"),
+    *("completion_s", "deadlines_met_percent", "age_s", "updates_lost"),
+)
+"""The measures in the table at the end of a sweep, as far as its scenarios have them, unless others
+are asked for."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,8 @@ class Done:
     rows: Sequence[JobRow]
     failures: Sequence[Failure]
     interrupted: bool
+    chosen: Sequence[str] = ()
+    """The measures that were asked for; none if the usual ones are shown."""
 
     def content(self) -> dict[str, Any]:
         """Return all as plain data: rows, estimates by combination and policy, and failures."""
@@ -114,11 +115,12 @@ class Done:
     @property
     def _columns(self) -> dict[str, tuple[str, str]]:
         """Headings and formats of the measures that are shown."""
-        return SHOWN | {name: look for name, look in OF_SOME.items() if name in self._measures}
+        names = self.chosen or [name for name in SHOWN if name in self._measures]
+        return looks(names, short=True)
 
     @cached_property
     def _measures(self) -> tuple[str, ...]:
-        return measured(self.jobs)
+        return measured(self.jobs, self.chosen)
 
     def headings(self) -> list[str]:
         """Return the table's headings: the keys that vary, the policy, and the measures."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
+from desim_uav.measures.known import KNOWN
 from desim_uav.report.figures.style import COLOURS, NARROW, Figure, headed, marker, short, styled
 from desim_uav.report.intervals import interval_words, of_one_seed
 
@@ -14,33 +15,43 @@ PANELS = {
     "qoe1_percent": "QoE1, %",
     "qoe2_iterations": "QoE2, steps",
     "qoe3_percent": "QoE3, %",
+    "completion_s": "delay, s",
+    "deadlines_met_percent": "in time, %",
+    "age_s": "age, s",
     "crashes_per_drone_episode": "crashes per drone\nand episode",
     "reward_mean": "reward per\nepisode",
 }
+"""The titles of the measures that are drawn if they are there and no others are asked for."""
+
+WIDE = 2.04
+"""The width of a panel, in inches."""
 
 
 @styled
-def compare_figure(comparison: dict[str, Any]) -> Figure:
+def compare_figure(comparison: dict[str, Any], measures: Sequence[str] | None = None) -> Figure:
     """Draw a row of panels with each policy's mean and interval, and the differences below it.
 
     ``comparison`` is the plain content of a comparison: ``policies`` and ``differences``, each with
     ``policy``, ``seeds`` and ``measures`` (n, mean, half_width; None if there is none). From one
-    seed the values are drawn without intervals, and the heading says so.
+    seed the values are drawn without intervals, and the heading says so. ``measures`` are names of
+    measures that the comparison has, by default those of PANELS.
     """
+    titles = _titles(comparison, measures)
     policies, differences = comparison["policies"], comparison["differences"]
     names = [row["policy"] for row in policies]
     rows = 2 if differences else 1
     heights = [len(policies) + 0.6, len(differences) + 0.6][:rows]
-    figure = Figure(figsize=(10.2, 1.7 + 0.34 * sum(heights) + 0.55 * (rows - 1)))
-    panels = figure.subplots(rows, len(PANELS), squeeze=False, height_ratios=heights)
-    for column, (measure, label) in enumerate(PANELS.items()):
+    size = (max(5, len(titles)) * WIDE, 1.7 + 0.34 * sum(heights) + 0.55 * (rows - 1))
+    figure = Figure(figsize=size)
+    panels = figure.subplots(rows, len(titles), squeeze=False, height_ratios=heights)
+    for column, (measure, label) in enumerate(titles.items()):
         _draw(panels[0][column], policies, names, measure)
         if differences:
             _draw(panels[1][column], differences, names, measure)
             panels[1][column].axvline(0, color="0.3", ls="-", linewidth=0.9, zorder=1)
         panels[-1][column].set_xlabel(label)
-        for row in panels[:, 1:]:
-            row[column - 1].tick_params(labelleft=False)
+    for axes in panels[:, 1:].flat:
+        axes.tick_params(labelleft=False)
     panels[0][0].set_title("Values of one seed" if of_one_seed(policies) else "Mean over seeds")
     if differences:
         how = " on one seed" if of_one_seed(differences) else ", paired by seed"
@@ -66,6 +77,14 @@ def intervals_figure(
         if zero:
             axes.axvline(0, color="0.3", ls="-", linewidth=0.9, zorder=1)
     return figure
+
+
+def _titles(comparison: dict[str, Any], measures: Sequence[str] | None) -> dict[str, str]:
+    """Return the titles of the panels."""
+    if measures is not None:
+        return {name: PANELS.get(name, KNOWN[name].label) for name in measures}
+    there = comparison["policies"][0]["measures"]
+    return {name: title for name, title in PANELS.items() if name in there}
 
 
 def _title(comparison: dict[str, Any]) -> str:

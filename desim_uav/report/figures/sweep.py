@@ -10,18 +10,16 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
+from desim_uav.measures.known import KNOWN, of_mean
 from desim_uav.palette import ink_on
 from desim_uav.report.figures.style import MOST_PANELS, Figure, headed, look, marker, short, styled
 from desim_uav.report.intervals import have_interval, interval_words
-from desim_uav.report.text import LOOKS
 
 APART = 0.015
 """The sideways shift of a series, as a share of the axis, so that intervals do not overlap."""
 
 WRITTEN = 8
 """The most cells in a row or column of a heat map that has numbers in its cells."""
-
-"""The headings and formats of all measures."""
 
 MOST_LINES = 12
 SHADES = "cividis"
@@ -56,7 +54,7 @@ def sweep_figure(content: Content, measures: Sequence[str]) -> Figure:
                 _draw_heat(figure, axes, content, measure, policies)
             else:
                 _draw_lines(axes, content, measure, policies)
-            label = LOOKS[measure][0].replace(" %", ", %").replace(" steps", ", steps")
+            label = KNOWN[measure].label.replace(" %", ", %").replace(" steps", ", steps")
             axes.set_title(label if policies is None else f"{short(policies)}: {label}")
     if not heat:
         handles, names = panels[0][0].get_legend_handles_labels()
@@ -158,7 +156,7 @@ def _draw_heat(figure: Figure, axes: Axes, content: Content, measure: str, polic
     figure.colorbar(image, ax=axes)
     if len(rows) <= WRITTEN and len(columns) <= WRITTEN:
         for (y, x), of in estimates.items():
-            _write(axes, image, columns.index(x), rows.index(y), of, LOOKS[measure][1])
+            _write(axes, image, columns.index(x), rows.index(y), of, of_mean(KNOWN[measure].form))
     axes.set_xticks(range(len(columns)), [_word(value) for value in columns])
     axes.set_yticks(range(len(rows)), [_word(value) for value in rows])
     axes.set(xlabel=short(across), ylabel=short(up))

@@ -1,0 +1,1 @@
+"""What is measured of a run: which measures there are, and how tables give their values."""
