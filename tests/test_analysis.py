@@ -1,5 +1,6 @@
 """The scripts of analysis/ run and say something sound."""
 
+import importlib
 import json
 import math
 import re
@@ -148,6 +149,16 @@ def test_offloading_is_that_of_the_formulas(offloading):
 def test_the_figure_of_offloading(offloading, capsys, tmp_path):
     assert offloading["main"](tmp_path / "picture.png") == 0
     assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
+    page = (SCRIPTS.parent / "docs" / "literature.md").read_text(encoding="utf-8")
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    assert len(rows) == 7 and all(row in page for row in rows)
+
+
+@pytest.mark.thorough
+def test_learned_shares_are_near_the_best_split(capsys, monkeypatch):
+    monkeypatch.syspath_prepend(SCRIPTS)
+    learned = importlib.import_module("offloading_learned")
+    assert learned.main() == 0
     page = (SCRIPTS.parent / "docs" / "literature.md").read_text(encoding="utf-8")
     rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
     assert len(rows) == 7 and all(row in page for row in rows)

@@ -25,8 +25,8 @@ from tests.selection import by_default
 ROOT = Path(__file__).parents[1]
 SHIPPED = [
     *(f"case{k}" for k in range(1, 10)),
-    *("delivery_watch", "edge", "festival", "interference", "street_canyon", "tiny"),
-    "urban_downlink",
+    *("delivery_watch", "edge", "festival", "harvest", "interference"),
+    *("street_canyon", "tiny", "urban_downlink"),
 ]
 SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")
 CONTRACT = (
