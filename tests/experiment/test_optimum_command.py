@@ -214,6 +214,18 @@ NO_CLASSES = (
 )
 HOLD = {"kind": "hold", "duration_min": [1], "bandwidth_kbps": [100]}
 FILM = {"kind": "transfer", "volume_mbit": [1], "bandwidth_kbps": [100]}
+TASK = {
+    "kind": "compute",
+    "input_mbit": [1],
+    "cycles_per_bit": [1000],
+    "bandwidth_kbps": [100],
+}
+READING = {
+    "kind": "collect",
+    "updates": {"kind": "poisson", "mean_s": 60},
+    "size_mbit": [1],
+    "bandwidth_kbps": [100],
+}
 MAST = {"at_m": [100, 100], "height_m": 30}
 
 
@@ -261,6 +273,24 @@ NOT_THE_PAPERS = {
         [
             f"services.film.kind: transfer: {ONLY} with services that ask for a time (hold), not "
             "for a volume"
+        ],
+    ),
+    "tasks": (
+        {
+            "services": {"call": HOLD, "task": TASK},
+            "drones.processor": {"cores": 1, "ghz": 1},
+            "demand": {"kind": "static", "mix": {"call": 1}},
+        },
+        [
+            f"services.task.kind: compute: {ONLY} with services that ask for a time (hold), not "
+            "for a volume"
+        ],
+    ),
+    "sensors": (
+        {"services": {"reading": READING}, "demand": {"kind": "sensing", "service": "reading"}},
+        [
+            f"services.reading.kind: collect: {ONLY} with services that ask for a time (hold), "
+            "not for a volume"
         ],
     ),
     "giving way": (

@@ -247,6 +247,29 @@ thoroughly = pytest.mark.thorough
 
 
 @pytest.mark.thorough
+def test_bounds_hold_with_a_backhaul():
+    """It lets drones serve less, and cover as much: 100 kbit/s are one call at a time."""
+    free = small_world(3, battery=None, radius_m=200.0, **BUSY)
+    backhaul = {"kind": "capacity", "kbps": 100}
+    scenario = free.scenario.model_dump(mode="json", exclude_unset=True)
+    scenario["drones"]["backhaul"] = backhaul
+    narrow = build_world(from_mapping(scenario), 0)
+    bounds = [
+        (100.0 * run.qoe1(), run.bound().qoe3_at_most_percent)
+        for run in (BoundedRun(world, 0, 1, rounds=100) for world in (narrow, free))
+    ]
+    assert bounds[0] == bounds[1]
+    rng, path = np.random.default_rng(0), draw(narrow, 0, 0)
+    for _ in range(6):
+        commands = [tuple(rng.integers(len(MOVES) + 1, size=2).tolist()) for _ in range(3)]
+        (held, covered), (more, as_much) = (
+            played(world, path, commands)[0].measures()[::2] for world in (narrow, free)
+        )
+        assert held <= min(more, bounds[0][0] + 1e-9)
+        assert covered == as_much <= bounds[0][1] + 1e-9
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "demand",
     [BUSY, pytest.param(ARRIVING, marks=thoroughly), pytest.param(ONCE, marks=thoroughly)],
