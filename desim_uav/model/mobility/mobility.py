@@ -19,7 +19,7 @@ from desim_uav.model.random.streams import Purpose, Seeds, Streams, heading, see
 from desim_uav.model.rules import US
 from desim_uav.registry import register
 from desim_uav.rowcode.components import kind_of, works_on_rows
-from desim_uav.rowcode.views import zeros
+from desim_uav.rowcode.views import dtype_of, zeros
 
 
 class Mobility(Protocol):
@@ -123,8 +123,8 @@ def walks_of(
 def misshapen(walks: Walks, users: int) -> str:
     """Return the problem if these are not legs of five columns, one at least for each user."""
     legs, offsets = (np.asarray(part) for part in walks)
-    columns = len(legs.dtype.names) if legs.dtype.names else legs.shape[-1]
-    if columns == 5 and offsets.shape == (users + 1,):
+    are_legs = legs.dtype == dtype_of(WalkLeg) or (legs.ndim == 2 and legs.shape[1] == 5)
+    if are_legs and offsets.shape == (users + 1,):
         bounds = offsets[0] == 0 and offsets[-1] == len(legs)
         if bounds and (np.diff(offsets) >= 1).all():
             return ""

@@ -36,10 +36,11 @@ class Area(NamedTuple):
 
 
 class Walks(NamedTuple):
-    """The walks of all users: an array of the rows WalkLeg (see ``in_rows``).
+    """The walks of all users: an array of the rows WalkLeg.
 
     Those of user u are ``offsets[u]:offsets[u + 1]``. A user's first leg begins at time 0. Each leg
-    begins where and when the one before ends; the last one has no end.
+    begins where and when the one before ends; the last one has no end. A model of one's own may
+    make a table of five columns instead (see ``in_rows``).
     """
 
     legs: Any
