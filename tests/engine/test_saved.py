@@ -170,7 +170,7 @@ def test_results_that_are_relayed(seed: int):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [1004, 1008])
+@pytest.mark.parametrize("seed", [1004])
 def test_tasks_that_migrate(seed: int):
     check(random_tasks.migrating_world_of(seed), seed)
 

@@ -57,9 +57,9 @@ def test_tasks_migrate() -> None:
                     counted["turns"] += request in moving
                     moving[request] = drone
                 elif kind == "stage":
-                    counted["arrives"] += moving.pop(request, -1) == drone
+                    counted["arrives"] += moving.pop(request, None) == drone
                 counted[kind] += 1
-    assert counted["move"] > counted["arrives"] > 20 and counted["turns"] > 0, counted
+    assert counted["move"] > counted["arrives"] > 15 and counted["turns"] > 0, counted
 
 
 @pytest.mark.thorough
