@@ -15,14 +15,16 @@ from tests.verification.convergence import DTS_S, slopes
 from tests.verification.figure import Figure
 from tests.verification.links import linked_scenario_of
 
-OF_TASKS = ("delay_s", "computing_s", "own_s", "qoe1", "qoe2")
+OF_TASKS = ("delay_s", "computing_s", "own_s")
+"""QoE1 is left out: it jumps where a task that is done in one simulator is late in the other."""
+DTS_OF_SERVICES = (1.0, *DTS_S[:3])
 OF_SENSORS = ("age_s", "delivered_s")
 
 
 def figures(quick: bool = False) -> Iterator[Figure]:
     """The slope of the error over dt, log over log."""
     seeds, tolerance = (range(16), 0.4) if quick else (range(128), 0.15)
-    dts_s = DTS_S[:3] if quick else DTS_S
+    dts_s = DTS_S[:3] if quick else DTS_OF_SERVICES
     yield from slopes(seeds, tolerance, dts_s, computing_scenario_of, OF_TASKS)
     yield from slopes(seeds, tolerance, dts_s, sensing_scenario_of, OF_SENSORS)
 
