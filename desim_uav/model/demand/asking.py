@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any, ClassVar
 
@@ -370,6 +370,8 @@ class RowDraws:
     horizon_us: int
     most_bps: int = 0
     """No volume is delivered faster, in bit/s; 0 if that is not known."""
+    room: list[int] = field(default_factory=lambda: [16], init=False)
+    """For how many requests of a user, on average, there is memory at first."""
 
     @cached_property
     def _compiled(self) -> Compiled | None:
@@ -395,7 +397,7 @@ class RowDraws:
         Raises SimulationError if a draw is invalid.
         """
         episodes, users, _ = states.shape
-        most = episodes * users * 16
+        most = episodes * users * self.room[0]
         offsets = np.zeros((episodes, users + 1), np.int64)
         while True:
             asks = np.empty((most + 1, DRAWN), np.int64)
@@ -406,6 +408,8 @@ class RowDraws:
             if asking.count <= most:
                 return ManyRequests(asks, drawn, offsets, self.demand.after_previous)
             most = asking.count
+            # More than now, so that further episodes are hardly ever drawn twice.
+            self.room[0] = most * 5 // (episodes * users * 4) + 2
 
     def _draw(
         self,
