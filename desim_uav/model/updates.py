@@ -31,6 +31,7 @@ class PoissonUpdates(RowDemand):
     mean_s: Seconds
     """The mean time between two updates, in seconds."""
     after_previous: ClassVar = False
+    asks_from_lists = True
 
     def next_request(self, asker: Asker, stream: Stream, services: Offer) -> None:
         """Draw an update after an exponential time."""
@@ -58,6 +59,7 @@ class PeriodicUpdates(RowDemand):
     first interval that is drawn for each sensor.
     """
     after_previous: ClassVar = False
+    asks_from_lists = True
 
     every_us: int = field(init=False, repr=False, compare=False)
     first_us: int = field(init=False, repr=False, compare=False)
@@ -104,6 +106,7 @@ class UpdatesAtWill(RowDemand):
     """The least time, in seconds, from the beginning of sending to the next update: when an update
     has been sent for a shorter time, the sensor waits for the rest of it.
     """
+    asks_from_lists = True
 
     def next_request(self, asker: Asker, stream: Stream, services: Offer) -> None:
         """Draw an update that is taken as soon as it can be."""

@@ -122,7 +122,7 @@ def _make_ready(world: Constants, state: State, drone: Drone, attachment: int) -
     """Suspend what a drone can no longer hold, and let in what its store has room for again."""
     if (state.keeps_links and lacks_bandwidth(drone)) or drone.free_bps < 0:
         suspend(world, state, drone, attachment)
-    if state.keeps_sensors and drone.crowded:
+    if state.keeps_sensors and drone.crowded and drone.stored_ubit < drone.full_ubit:
         offer_room(world, state, drone)
 
 

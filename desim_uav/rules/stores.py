@@ -36,12 +36,21 @@ def finds_room(world: Constants, state: State, drone: Drone, user: User) -> bool
         return True
     freight, size = drone.freight[user.index], user.request.required
     if freight.promised == 0:
-        if drone.point < 0 and drone.stored_ubit + size > type_of(world, drone).store_ubit:
-            drone.crowded = 1
+        if not has_room(world, drone, size):
+            drone.crowded, drone.full_ubit = 1, max(drone.full_ubit, drone.stored_ubit)
             return False
         freight.promised = size
         drone.stored_ubit += size
     return True
+
+
+@rule
+def has_room(world: Constants, drone: Drone, size: int) -> bool:
+    """Return whether a drone's store has room for so many millionths of a bit more.
+
+    The stores of access points are not limited.
+    """
+    return drone.point >= 0 or drone.stored_ubit + size <= type_of(world, drone).store_ubit
 
 
 @rule
@@ -65,7 +74,7 @@ def empty_store(state: State, drone: Drone) -> None:
         freight = drone.freight[u]
         freight.count = freight.fresh_us = freight.promised = freight.before_us = 0
     drone.store.clear()
-    drone.stored_ubit = drone.crowded = 0
+    drone.stored_ubit = drone.full_ubit = drone.crowded = 0
 
 
 @rule

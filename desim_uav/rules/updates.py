@@ -16,7 +16,7 @@ from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Sensor, State, Update, User
 from desim_uav.rules.service import begin_request, close, scan_if_used, stop, wait
 from desim_uav.rules.stages import begin_anew, leave
-from desim_uav.rules.stores import copy_update, give_room_back, is_stored
+from desim_uav.rules.stores import copy_update, give_room_back, has_room, is_stored
 from desim_uav.rules.wide import clear
 
 
@@ -243,21 +243,22 @@ def receive(world: Constants, state: State, drone: Drone, user: User) -> None:
 def offer_room(world: Constants, state: State, drone: Drone) -> None:
     """Let updates for which a drone's store had no room come into its line, if there is room now.
 
-    They are tried by the time at which they were taken, then by user.
+    They are tried by the time at which they were taken, then by user. One for which there is no
+    room now finds none either after others have come in.
     """
-    drone.crowded = 0
-    tried_us, tried = -1, -1
-    while tried < len(state.users):
-        best, best_us = len(state.users), words.NEVER
+    best = 0
+    while best < len(state.users):
+        best, best_us, drone.crowded = len(state.users), words.NEVER, 0
         for u in range(len(state.users)):
             user = state.users[u]
-            t_us = user.request.t_request_us
-            later = t_us > tried_us or (t_us == tried_us and u > tried)
-            if later and t_us < best_us and _is_refused(world, state, drone, user):
-                best, best_us = u, t_us
-        tried_us, tried = best_us, best
+            if _is_refused(world, state, drone, user):
+                drone.crowded = 1
+                t_us = user.request.t_request_us
+                if t_us < best_us and has_room(world, drone, user.request.required):
+                    best, best_us = u, t_us
         if best < len(state.users):
             wait(world, state, drone, state.users[best])
+    drone.full_ubit = drone.stored_ubit
 
 
 @rule

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,8 +156,7 @@ class RowDemand:
     ) -> Requests:
         """Return the requests of one episode, with one random stream per user."""
         states = streams.states(users)[np.newaxis]
-        requests: Requests = RowDraws(self, services, horizon_us).of(states)[0]
-        return requests
+        return cast(Requests, RowDraws(self, services, horizon_us).of(states)[0])
 
 
 def from_now(demand: Any, now_us: int) -> Any:
@@ -363,13 +362,14 @@ Its arguments are the addresses of the model's values, of the Asking and of the 
 
 @dataclass(frozen=True, eq=False)
 class RowDraws:
-    """The draws of a demand model over rows."""
+    """The draws of a demand model over rows, with ``room`` for so many requests of a user."""
 
     demand: RowDemand
     services: Catalogue
     horizon_us: int
     most_bps: int = 0
     """No volume is delivered faster, in bit/s; 0 if that is not known."""
+    room: list[int] = field(default_factory=lambda: [16], init=False)
 
     @cached_property
     def _compiled(self) -> Compiled | None:
@@ -395,7 +395,7 @@ class RowDraws:
         Raises SimulationError if a draw is invalid.
         """
         episodes, users, _ = states.shape
-        most = episodes * users * 16
+        most = episodes * users * self.room[0]
         offsets = np.zeros((episodes, users + 1), np.int64)
         while True:
             asks = np.empty((most + 1, DRAWN), np.int64)
@@ -406,6 +406,7 @@ class RowDraws:
             if asking.count <= most:
                 return ManyRequests(asks, drawn, offsets, self.demand.after_previous)
             most = asking.count
+            self.room[0] = most * 5 // (episodes * users * 4) + 2  # some more for later episodes
 
     def _draw(
         self,
@@ -432,8 +433,7 @@ class RowDraws:
             draw(demand, asking, self._offer)
             return asking
         states = np.ascontiguousarray(states)
-        tables = {"states": states, "offsets": offsets, "asks": asks, "drawn": drawn}
-        for name, array in tables.items():
+        for name, array in zip(cls.attached, (states, offsets, asks, drawn), strict=True):
             attach(block, cls, name, array)
         values, offer = code.values, self._packed_offer
         call_at(code.functions["draw"], (place(values), place(block), place(offer)))
@@ -443,8 +443,8 @@ class RowDraws:
 def _what_is_wrong(asking: Asking) -> str:
     """Return a description of the invalid draw of a user."""
     user, asker = asking.lost - 1, asking.asker
-    draws = f"wait {asker.wait_us} µs, service {asker.service}, {asker.required_us} µs, "
-    draws += f"{asker.bandwidth_bps} bit/s"
+    asked = f"{asker.service}, {asker.required_us} µs, {asker.bandwidth_bps} bit/s"
+    draws = f"wait {asker.wait_us} µs, service {asked}"
     if asker.draws > MOST_IDLE:
         return f"no time passes between the requests of user {user} ({draws})"
     return f"user {user} drew what is no request: {draws}"

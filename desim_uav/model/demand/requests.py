@@ -81,10 +81,13 @@ class ManyRequests(Sequence[Requests]):
 
     def __getitem__(self, k: Any) -> Any:
         """Return the requests of episode k of the table."""
-        own, begin = self.offsets[k], self.begins[k]
-        rows = slice(begin, begin + own[-1])
+        rows = self.rows_of(k)
         both = np.concatenate([self.asks[rows], self.drawn[rows]], axis=1)
-        return Requests(both, own, self.after_previous)
+        return Requests(both, self.offsets[k], self.after_previous)
+
+    def rows_of(self, k: int) -> slice:
+        """Return the rows of episode k."""
+        return slice(self.begins[k], self.begins[k] + int(self.offsets[k, -1]))
 
 
 def joined_episodes(groups: Sequence[Sequence[Requests]]) -> Sequence[Requests]:
@@ -95,13 +98,12 @@ def joined_episodes(groups: Sequence[Sequence[Requests]]) -> Sequence[Requests]:
     if len(tables) < len(groups):
         return [joined_requests(parts) for parts in zip(*groups, strict=True)]
     counts = np.array([own.offsets[:, -1] for own in tables])
-    episodes = np.tile(np.arange(counts.shape[1]), len(tables))
-    order = np.argsort(np.repeat(episodes, counts.reshape(-1)), kind="stable")
     before = np.cumsum(counts, axis=0) - counts
     ends = [own.offsets[:, 1:] + first[:, None] for own, first in zip(tables, before, strict=True)]
+    parts = [(own, own.rows_of(k)) for k in range(len(tables[0])) for own in tables]
     return ManyRequests(
-        np.concatenate([own.asks for own in tables])[order],
-        np.concatenate([own.drawn for own in tables])[order],
+        np.concatenate([own.asks[rows] for own, rows in parts]),
+        np.concatenate([own.drawn[rows] for own, rows in parts]),
         np.concatenate([tables[0].offsets[:, :1], *ends], axis=1),
         np.concatenate([own.follows for own in tables]),
     )

@@ -126,7 +126,8 @@ class Drone(Row):
     ``freight`` is what it carries of each user's updates, if they are delivered at the ground, and
     ``store`` has these updates if they are logged, or go over its backhaul one after the other,
     which ``upload`` describes. ``stored_ubit`` of its store are taken or promised; it is
-    ``crowded`` if it has had no room for an update of a user attached to it.
+    ``crowded`` if it has had no room for an update of a user attached to it, when at most
+    ``full_ubit`` were taken.
     ``ahead`` holds the changes of class to come, the next one last. ``served`` counts the requests
     that it serves, and ``asking`` the open ones in its footprint, by service. The marks of its
     links (``model.radio.marks``) are known from ``marked_us`` until ``marked_until_us``, or not at
@@ -194,6 +195,7 @@ class Drone(Row):
     store: Queue[Update]
     upload: Upload
     stored_ubit: int
+    full_ubit: int
     crowded: Int16
     ahead: Queue[Change]
     served: Table[Int32]

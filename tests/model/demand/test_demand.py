@@ -8,7 +8,10 @@ import pytest
 from scipy import stats
 
 from desim_uav.model.catalogue import catalogue
+from desim_uav.model.demand.asking import RowDraws
 from desim_uav.model.demand.demand import Continuous, Dynamic, Poisson, Static, Trace
+from desim_uav.model.demand.requests import joined_episodes, joined_requests
+from desim_uav.model.random.streams import Purpose, states_of
 from desim_uav.model.services import PAPER, UniformChoice
 from tests.verification.demand import (
     BANDWIDTH,
@@ -266,6 +269,32 @@ class TestTrace:
         user, service = trace.problems(7, list(PAPER))
         assert "requests.csv:2: user: 7" in user
         assert "requests.csv:3: service: 'thruput': unknown (did you mean 'throughput'?)" in service
+
+
+class TestManyEpisodes:
+    def draws(self, per_hour, episodes=3, users=4):
+        own = RowDraws(Poisson(per_hour), catalogue(PAPER, MIX), HORIZON_US)
+        return own, states_of(7, Purpose.DEMAND, range(episodes), users)
+
+    def test_further_episodes_are_drawn_once(self, monkeypatch):
+        own, states = self.draws(120.0)
+        calls, draw = [], RowDraws._draw
+        monkeypatch.setattr(RowDraws, "_draw", lambda *args: calls.append(1) or draw(*args))
+        first = own.of(states)
+        assert first.offsets[0, -1] > 4 * 16 and len(calls) == 2
+        again = own.of(states)
+        assert len(calls) == 3
+        assert all(np.array_equal(a.rows, b.rows) for a, b in zip(first, again, strict=True))
+
+    def test_groups_are_joined_episode_by_episode(self):
+        groups = [own.of(states) for own, states in map(self.draws, (120.0, 6.0))]
+        joined = joined_episodes(groups)
+        assert len(joined) == 3
+        for k, found in enumerate(joined):
+            expected = joined_requests([own[k] for own in groups])
+            assert found.rows.tolist() == expected.rows.tolist()
+            assert found.offsets.tolist() == expected.offsets.tolist()
+            assert found.follows.tolist() == expected.follows.tolist()
 
 
 class TestCatalogue:
