@@ -105,6 +105,17 @@ RUNS = {
             "drones.battery={kind: endurance, autonomy_min: 4, return_below: 0.01}",
         ),
     ),
+    "stored": (
+        RADIO,
+        "baseline",
+        (
+            "services={reading: {kind: collect, updates: {kind: poisson, mean_s: 20}, "
+            "size_mbit: [0.5], delivered: ground}}",
+            "demand={kind: sensing, service: reading}",
+            "drones.battery={kind: endurance, autonomy_min: 5, return_below: 0.7}",
+            "drones.store_mbit=6",
+        ),
+    ),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
     "mixed": (MIXED, "random", ()),
@@ -118,7 +129,7 @@ RUNS = {
         ),
     ),
 }
-GRADED = ("radio", "far", "staged", "tasks", "edge", "sensors", "carried")
+GRADED = ("radio", "far", "staged", "tasks", "edge", "sensors", "carried", "stored")
 """The runs with links of several rates."""
 STATES = {state: look.word for state, look in USERS.items()}
 
@@ -1245,6 +1256,23 @@ class TestTasks:
 
 
 class TestSensors:
+    @pytest.mark.parametrize(("name", "fate"), [("carried", "lost"), ("stored", "delivered")])
+    def test_what_drones_carry_is_that_of_the_table(self, page, runs, name, fate):
+        page.open(page_of(runs / name))
+        updates = table(runs / name, "updates").query("episode == 0 and drone >= 0")
+        assert (updates["fate"] == fate).any()
+        ended_s = updates["t_end_s"].where(updates["fate"].isin(["delivered", "lost"]), np.inf)
+        ends_s = np.unique(ended_s[np.isfinite(ended_s)])
+        most = 0
+        for t_s in sorted({30.5, 200.25, *ends_s[:6], *(ends_s[:6] - 0.001)}):
+            drones = page.seek(0, t_s)["drones"]
+            there = updates[(updates["t_received_s"] <= t_s) & (ended_s > t_s)]
+            for number, drone in enumerate(drones):
+                own = there[there["drone"] == number]
+                assert drone["carried"] == len(own), (t_s, number)
+                most = max(most, own["size_mbit"].sum())
+        assert most == 6 if name == "stored" else most > 1
+
     def test_ages_and_buffers_are_those_of_the_tables(self, page, runs):
         page.open(page_of(runs / "sensors"))
         updates = table(runs / "sensors", "updates").query("episode == 0")

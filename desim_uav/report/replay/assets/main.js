@@ -288,6 +288,7 @@ function told(run, player, state) {
         served_requests: state.servedBy[d],
         bandwidth_kbps: state.usedBps[d] / 1000,
         processor: tasksAt(state, d),
+        carried: state.carried[d],
       };
     }),
     users: Array.from({ length: run.users }, (_, u) => ({
