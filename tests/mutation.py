@@ -347,8 +347,8 @@ MUTATIONS = (
     Mutation(
         "stored updates have the whole backhaul, whatever links carry",
         "rules/backhaul.py",
-        "left_bps -= request.rate",
-        "left_bps -= 0",
+        "shared_bps += request.rate",
+        "shared_bps += 0",
         ("engine/test_delivery.py",),
     ),
     # ---- batteries, stations, episodes

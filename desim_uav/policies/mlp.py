@@ -259,7 +259,7 @@ class NetworkPolicy:
         self._world = world
         self._encode = world.scenario.observation.encode
         here = description_of(world)
-        if self.observation is not None:
+        if self.observation not in (None, world.scenario.observation):
             self._require("observation", self.about["observation"], here["observation"])
         self._require("features", self.about["features"], here["features"])
         self._require("actions", self.about["actions"], here["actions"])
