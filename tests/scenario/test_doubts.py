@@ -42,7 +42,7 @@ def walked(tmp_path: Path, *overrides: str, users: int = 3):
 
 def legs_of(scenario, user: int) -> list[list[float]]:
     legs, offsets = build_world(scenario, 0).walks(0, 0)
-    return legs[offsets[user] : offsets[user + 1]].tolist()
+    return [list(leg) for leg in legs[offsets[user] : offsets[user + 1]].tolist()]
 
 
 def test_no_shipped_scenario_is_doubted():
