@@ -184,7 +184,7 @@ class TestDataset:
         (axes,) = plot_sweep(Path("both"), ["j_per_mbit"]).axes
         assert axes.get_title(loc="left") == "J per Mbit"
         assert swept("--policies", "hover", "--seeds", 1, "--engine", "des").code == 0
-        with pytest.raises(UsageError, match="no battery in this sweep is measured in Wh"):
+        with pytest.raises(UsageError, match="not all batteries are measured in Wh"):
             plot_sweep(Path("out"), ["j_per_mbit"])
 
     @pytest.mark.thorough

@@ -300,20 +300,20 @@ export class State {
     if (this.sums.serving === 0) this.sums.rate = 0; // no crumbs of rounding
   }
 
-  _complete(d, u) {
+  _complete(d, u, r) {
     this.sums.done += 1;
     if (this.run.senses[u] >= 0) {
       this.buffered[u] -= 1;
       this.carried[d < 0 ? this.holder[u] : d] += 1;
     }
-    this._close(d, u);
+    this._close(d, u, r);
   }
 
   _generate(d, u) { this.buffered[u] += 1; }
 
   _drop(d, u, r) {
     this.buffered[u] -= 1;
-    if (r >= 0) this._close(d, u);
+    if (r >= 0) this._close(d, u, r);
   }
 
   _deliver(d, u, r, s, tUs, c, stage, update) {
@@ -323,14 +323,15 @@ export class State {
 
   _lose(d) { this.carried[d] -= 1; }
 
-  _refuse(d, u) { this._close(d, u); }
+  _refuse(d, u, r) { this._close(d, u, r); }
 
-  _late(d, u) { this._close(d, u); }
+  _late(d, u, r) { this._close(d, u, r); }
 
-  _close(d, u) {
+  _close(d, u, r) {
+    this.sums.open -= 1;
+    if (this.request[u] !== r) return; // the next one, of the same instant, comes first in the log
     this.#stand(u, 0, -1);
     this.request[u] = -1;
-    this.sums.open -= 1;
   }
 
   _decide(d, u, r, s, tUs) {
