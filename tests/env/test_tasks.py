@@ -187,8 +187,8 @@ def test_episodes_of_a_stage_are_those_of_its_scenario():
     [
         ([(5, {"drones.count": 2})], ["drones.count: changes the number of drones"]),
         (
-            [(5, {RATE: 2.0, "observation.kind": "local"})],
-            ["observation.kind: changes the observation space, which must stay the same"],
+            [(5, {RATE: 2.0, "observation": {"kind": "local"}})],
+            ["observation: changes the observation space, which must stay the same"],
         ),
         ([(5, {"reward": {"kind": "coverage"}})], ["reward: changes the terms of the reward"]),
         (
