@@ -103,7 +103,7 @@ class Ended:
         assert "Traceback" not in self.err
         assert (self.code, self.out) == (code, ""), self.err
         for part in parts:
-            assert part in self.message
+            assert part in self.message, self.err
         return self
 
 

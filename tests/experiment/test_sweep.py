@@ -432,7 +432,7 @@ class TestFailures:
 
     def test_leave_no_list_once_there_are_none(self, swept, monkeypatch):
         with monkeypatch.context() as patched:
-            patched.setattr(job, "evaluate", lambda *_: 1 / 0)
+            patched.setattr(job, "evaluate", lambda *_, **__: 1 / 0)
             ended = swept("--policies", "hover", "--seeds", 2, "-q")
             ended.failed(1, "hover, seed 0: ZeroDivisionError: division by zero")
             assert not list(Path("out/results").iterdir())
@@ -440,7 +440,7 @@ class TestFailures:
         assert not Path("out/failed.json").exists() and len(dataset("out")) == 2
 
     def test_many_are_told_in_short(self, swept, monkeypatch):
-        monkeypatch.setattr(job, "evaluate", lambda *_: 1 / 0)
+        monkeypatch.setattr(job, "evaluate", lambda *_, **__: 1 / 0)
         ended = swept("--policies", "hover", "--seeds", 25, "-q")
         assert len(ended.err.splitlines()) == 13 and "and 15 more" in ended.message
         assert len(json.loads(Path("out/failed.json").read_text())) == 25
@@ -457,9 +457,9 @@ class TestFailures:
         script.write_text("step,drone,action\n0,0,right\n")
         real = job.run_job
 
-        def changed(one, version):
+        def changed(one, version, measures):
             script.write_text("step,drone,action\n0,0,left\n")
-            return real(one, version)
+            return real(one, version, measures)
 
         monkeypatch.setattr(run, "run_job", changed)
         ended = swept("--policies", "script:fly.csv", "--seeds", 1, "-q")
