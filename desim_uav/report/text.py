@@ -38,7 +38,7 @@ TASKS = narrow(
         "deadlines_met_percent",
     )
 )
-"""The same of services that have tasks."""
+"""The columns of the table of tasks: how long they last, and how many are done in time."""
 
 DELIVERED = narrow(
     (
@@ -46,7 +46,7 @@ DELIVERED = narrow(
         *("fairness", "worst_tenth_qoe1_percent"),
     )
 )
-"""The same of services that ask for volumes."""
+"""The columns of the table of services that ask for volumes: throughput, energy and fairness."""
 
 AGES = narrow(
     (
@@ -54,7 +54,7 @@ AGES = narrow(
         *("updates_delivered", "updates_dropped", "updates_lost"),
     )
 )
-"""The same of services whose updates sensors send."""
+"""The columns of the table of sensors: ages, and what became of their updates."""
 
 FORKED = narrow(("qoe1_percent", "qoe2_iterations", "qoe3_percent")) | {
     "reward_mean": ("reward", ".3f"),

@@ -33,7 +33,7 @@ class Complaint(NamedTuple):
 
 
 AS_YAML = {"False": "false", "True": "true"}
-"""How values are written in a scenario."""
+"""The words for false and true in a scenario file, by those of Python."""
 
 
 def complaints(error: ValidationError, draft: ScenarioDraft) -> list[Complaint]:

@@ -17,6 +17,7 @@ from desim_uav.model.rules import Outcome
 from desim_uav.scenario.doubts import doubts
 from desim_uav.scenario.load import from_mapping
 from tests.engine.helpers import US, Ask, events, seen
+from tests.engine.test_relayed_results import OVER
 from tests.engine.test_task_logs import (
     BOTH,
     HERE,
@@ -38,8 +39,6 @@ from tests.engine.test_task_logs import (
 
 pytestmark = pytest.mark.usefixtures("every_engine")
 
-OVER = [(0.0, *HERE, 0.0, 0.0), (5.0, *NOWHERE, 0.0, 0.0), (6.0, *THERE, 0.0, 0.0)]
-"""A walk from drone 0 to drone 1, below which a user is from 6 s on."""
 BUSY = [task(0.0, 1.0, 30.0)]
 """A task of 30 s, which arrives at 1 s."""
 MIGRATING = {name: NO_BITS | own | {"handover": "migrate"} for name, own in SERVICES.items()}

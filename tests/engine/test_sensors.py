@@ -415,7 +415,7 @@ def test_an_update_that_is_turned_away_is_never_tried_again() -> None:
 def test_a_rule_over_objects_turns_updates_away_one_after_the_other() -> None:
     """The first one takes the whole band; what does not fit at once is refused, one by one."""
     if Flight.flown_by != "des":
-        pytest.skip("it works on Python objects")
+        pytest.skip("only the SimPy engine takes rules that work on Python objects")
     world = carrying([NEAR, NEAR], drones={"admission": {"kind": "tests.engine.helpers:Loss"}})
     asks = {0: [held(5, 10)], 1: [held(6), held(7), held(20)]}
     log = fly(world, path_of(world, asks))

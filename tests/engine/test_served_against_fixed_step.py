@@ -8,10 +8,13 @@ what is left.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection
+from typing import Any
 
 import pytest
 
 from desim_uav.model.rules import Outcome
+from tests.selection import by_default
 from tests.verification.convergence import (
     COARSE_S,
     FINEST_S,
@@ -44,22 +47,23 @@ def check_services(seed: int, scenarios: Scenarios) -> None:
     assert close["age_s"] == pytest.approx(exact["age_s"], rel=0.02, abs=1.0)
 
 
-@pytest.mark.parametrize("scenarios", [computing_scenario_of, sensing_scenario_of])
-def test_they_agree_at_the_finest_dt(scenarios: Scenarios) -> None:
-    check_services(2, scenarios)
+def seeds_of(apart: Collection[int]) -> list[Any]:
+    """Seeds as parameters of a test, of which those apart have to fail: it is not known why."""
+    chosen = by_default([2], SEEDS, at_most=6)
+    xfail = pytest.mark.xfail(reason="the two part at the finest step", strict=True)
+    known = [pytest.param(seed, marks=[pytest.mark.thorough, xfail]) for seed in sorted(apart)]
+    values = [getattr(one, "values", (one,))[0] for one in chosen]
+    return [one for one, seed in zip(chosen, values, strict=True) if seed not in apart] + known
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("scenarios", [computing_scenario_of, sensing_scenario_of])
-def test_most_scenarios_agree_at_the_finest_dt(scenarios: Scenarios) -> None:
-    """At most a fifth may part: two that come within a step swap places, and all after them."""
-    apart = []
-    for seed in SEEDS:
-        try:
-            check_services(seed, scenarios)
-        except AssertionError:
-            apart.append(seed)
-    assert len(apart) <= len(SEEDS) // 5, apart
+@pytest.mark.parametrize("seed", seeds_of({3, 12, 17, 18}))
+def test_tasks_agree_at_the_finest_dt(seed: int) -> None:
+    check_services(seed, computing_scenario_of)
+
+
+@pytest.mark.parametrize("seed", seeds_of({5, 8, 18}))
+def test_sensors_agree_at_the_finest_dt(seed: int) -> None:
+    check_services(seed, sensing_scenario_of)
 
 
 @pytest.mark.slow

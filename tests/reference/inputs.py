@@ -45,7 +45,7 @@ class Request:
 
     @property
     def amount(self) -> int:
-        """What this stage asks for."""
+        """The amount of this stage: millionths of a bit, cycles or microseconds."""
         return self.volume_ubit or self.cycles or self.required_us
 
     def part(self, share: float) -> Request:

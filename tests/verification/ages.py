@@ -124,7 +124,7 @@ def queues(runs: int, updates: int = 20_000) -> Iterator[Figure]:
 
 # ---- scenario files
 
-SCENARIO = """
+DRONE = """
 map: {{size_m: [100, 100], cells: [1, 1], dimensions: 2}}
 drones:
   count: 1
@@ -135,12 +135,18 @@ drones:
     classes: [{{snr_db: 0, bit_s_hz: 1}}]
     sharing: equal
 stations: {{count: 0}}
+"""
+"""A drone that serves all with 1 Mbit/s."""
+SCENARIO = (
+    DRONE
+    + """\
 users: {{count: 1, mobility: {{kind: static}}}}
 services:
   reading: {{kind: collect, updates: {updates}, size_mbit: {sizes}, {buffer}}}
 demand: {{kind: sensing, service: reading}}
 episode: {{steps: 1, step_s: {lasts_s}}}
 """
+)
 LASTS_S, WARMING_S = 5_000, 500.0
 """Ages of the first seconds of an episode, which begin at 0, are not counted."""
 
@@ -281,17 +287,9 @@ def curves(runs: int, most: int = 5) -> Iterator[Figure]:
             )
 
 
-SOURCES = """
-map: {{size_m: [100, 100], cells: [1, 1], dimensions: 2}}
-drones:
-  count: 1
-  battery: null
-  radio:
-    kind: link_classes
-    bandwidth_mhz: 1
-    classes: [{{snr_db: 0, bit_s_hz: 1}}]
-    sharing: equal
-stations: {{count: 0}}
+SOURCES = (
+    DRONE
+    + """\
 users:
 - {{name: one, count: 1, mobility: {{kind: static}}, demand: {{kind: sensing, service: one}}}}
 - {{name: two, count: 1, mobility: {{kind: static}}, demand: {{kind: sensing, service: two}}}}
@@ -300,6 +298,7 @@ services:
   two: {{kind: collect, updates: {two}, size_mbit: {sizes}, keeps: last, preempt: all}}
 episode: {{steps: 1, step_s: {lasts_s}}}
 """
+)
 """Two sensors that share a server: an update of either replaces what is being sent."""
 
 

@@ -478,7 +478,7 @@ def share_of(one: Any, stages: int) -> float:
 
 
 def exact_services(case: Case) -> dict[str, float]:
-    """What the log says of tasks and of sensors."""
+    """The measures of tasks and sensors, by the log of the event simulation."""
     log, horizon_us = case.log, case.world.horizon_us
     delivered = [one for one in log.updates if one.fate == DELIVERED]
     ages = [one.area_us2 / 2 / horizon_us for one in log.sensors]
@@ -492,7 +492,7 @@ def exact_services(case: Case) -> dict[str, float]:
 
 
 def sampled_services(case: Case, result: Result) -> dict[str, float]:
-    """The same by fixed steps."""
+    """The measures of tasks and sensors, by the simulator with fixed time steps."""
     horizon_us, ages = case.world.horizon_us, result.ages_us
     return {
         "delay_s": sum(one.t_end_us - one.t_request_us for one in result.requests) / US,

@@ -32,7 +32,7 @@ def legs_at(walks: Walks, t_s: float) -> NDArray[np.int64]:
 
 
 def starts_of(legs: Any) -> Floats:
-    """Where legs, or one of them, begin: x and y."""
+    """The places, in metres, where one leg or several begin: x and y in the last dimension."""
     return np.stack([legs["x_m"], legs["y_m"]], axis=-1)
 
 
