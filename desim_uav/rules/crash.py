@@ -15,6 +15,7 @@ from desim_uav.rules.note import note, note_drone, note_leg
 from desim_uav.rules.orientation import orient
 from desim_uav.rules.processing import lose_tasks
 from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.settle import settle_after
 
 
 @rare_rule
@@ -39,6 +40,8 @@ def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
     silence(world, path, state, drone, words.DEPLETION)
     if state.keeps_sensors:
         lose_updates(world, state, drone)
+    if state.keeps_tasks:  # those of users elsewhere wait again, even if this drone has not served
+        settle_after(world, path, state, words.DEPLETION)
     state.crashed.append(drone.index)
     state.crashes += 1
     note_drone(state, words.DEPLETION, words.ON_CRASH, drone)

@@ -416,6 +416,26 @@ def test_a_crash_sends_a_task_to_where_its_user_is_now() -> None:
     assert (one.sending_us, one.computing_us) == (2 * US, (7 + 10) * US)
 
 
+def test_a_crash_on_the_way_home_sends_tasks_anew_at_once() -> None:
+    """The drone flies home from 60 s on, when its processor has computed for 9 s of 20.
+
+    Its user stands near a mast from 57 s on. The drone falls at 66 s, and nothing else happens in
+    this instant: the task is sent to the mast for 1 s, and computed there for 10 s.
+    """
+    world = world_of(
+        starts=[(0, 0)],
+        battery={"kind": "endurance", "autonomy_min": 1.1, "on_crash": "remove"},
+        stations={"count": 1, "radius_m": 0},
+        episode={"steps": 2, "step_s": 60},
+        access_points=[mast()],
+    )
+    walk = [(0.0, *HERE, 0.0, 0.0), (55.0, *NOWHERE, 0.0, 0.0), (57.0, *THERE, 0.0, 0.0)]
+    log = log_of(world, {0: [task(50.0, 1.0, 20.0)]}, "hover goto", walks={0: walk})
+    assert [event[0] / US for event in seen(log, "crash", "complete")] == [66.0, 77.0]
+    (one,) = log.requests
+    assert (one.restarts, one.drones, one.computing_us) == (1, [0, 1], (9 + 10) * US)
+
+
 def test_a_crash_does_not_lose_a_part_that_is_done() -> None:
     """Half of the task is sent until 80.5 s and computed until 81.5 s; the user needs 100 s.
 
