@@ -147,7 +147,7 @@ def _backhaul(world: Constants, state: State, drone: Drone, served: Sequence[Req
     moving = [user for sender in state.senders for user in sender.moving]
     coming += [user for user in moving if drone.index in _ways(state, state.users[user])]
     assert drone.relayed == len(coming), f"results that come from {drone.index}"
-    stored = [update.size for update in drone.store]
+    stored = [update.size for update in drone.store[drone.upload.first :]]
     if stored and (capacity_bps < UNLIMITED_BPS or state.keeps_requests):
         promised = sum(freight.promised for freight in drone.freight)
         assert drone.stored_ubit == promised + sum(stored), f"store of {drone.index}"
@@ -257,7 +257,7 @@ def _finds_no_room(world: Constants, state: State, user: User) -> bool:
     drone, service = state.senders[user.holder], world.senses[user.index]
     if not drone.freight or drone.point >= 0 or service < 0 or not world.updates[service].ground:
         return False
-    stored = sum(update.size for update in drone.store)
+    stored = sum(update.size for update in drone.store[drone.upload.first :])
     assert drone.stored_ubit == stored + sum(each.promised for each in drone.freight)
     room = world.types[drone.type].store_ubit - drone.stored_ubit
     assert room >= 0, "a store is too full"

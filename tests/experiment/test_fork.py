@@ -207,8 +207,10 @@ class TestCommand:
         """Those of a comparison; from the first step of the first episode on, they are a run's."""
         ended = CliRunner().invoke(
             app,
-            ["run", str(SERVICES), "--policy", "hover", "--fork", "0:0", "--to", "random", "--json"]
-            + ["--out", str(tmp_path / "o")],
+            [
+                *("run", str(SERVICES), "--policy", "hover", "--fork", "0:0", "--to", "random"),
+                *("--json", "--out", str(tmp_path / "o")),
+            ],
         )
         told = json.loads(ended.stdout)
         names = compared_in(du.load(SERVICES))
