@@ -19,7 +19,7 @@ from desim_uav.model.state import Facts
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
-from tests.engine.test_delivery import filling
+from tests.engine.test_store_memory import filling
 from tests.selection import by_default
 
 SHORT = "drones.battery.autonomy_min=9"
