@@ -92,15 +92,17 @@ class Commanded(RowOffloading):
 def commanded(world: Constants, state: State, user: User) -> float:
     """Return the share that was commanded the drone to which a user is attached; otherwise 1.
 
-    It is also 1 before the first command of the drone in an episode, unless it goes on with one of
-    the episode before.
+    Before the first command of the drone in an episode it is the lowest share, unless the drone
+    goes on with a command of the episode before.
     """
     if user.holder < 0:
         return 1.0
     drone = state.senders[user.holder]
     if drone.off_grid:
         return drone.course.share
-    return 1.0 if drone.taken == words.NO_COMMAND else world.moves[drone.taken].share
+    if drone.taken == words.NO_COMMAND:
+        return world.least_share
+    return world.moves[drone.taken].share
 
 
 @rule

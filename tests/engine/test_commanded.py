@@ -136,24 +136,26 @@ def test_a_drone_that_is_asked_by_event_keeps_its_share_until_it_is_asked_again(
 @every_engine
 @pytest.mark.parametrize("carry_over", [True, False])
 @pytest.mark.parametrize("motion", [{}, {"space": "free"}], ids=["cells", "free"])
-def test_before_its_first_command_a_drone_offloads_everything(motion: Any, carry_over: bool):
+def test_before_its_first_command_a_drone_has_the_lowest_share(motion: Any, carry_over: bool):
     """A task of the time 0 is made before the first command; that of an earlier episode is over."""
     world = choosing(
-        motion=motion, episode={"steps": 1, "step_s": 60, "carry_over": carry_over}, cells=(1, 1)
+        motion=motion,
+        offloading={"kind": "commanded", "shares": [0.25, 1]},
+        episode={"steps": 1, "step_s": 60, "carry_over": carry_over},
     )
-    nothing = [0.0, 0.0, -1.0] if motion else "hover+0"
+    everything = [0.0, 0.0, 1.0] if motion else "hover+1"
     flight = Flight(world, carry_over=carry_over)
     for _ in range(2):
         shown = flight.engine.reset(path_of(world, {0: [ask(0.0, 0.5), ask(20.0, 0.5)]}))
         while not (shown.terminated or shown.truncated):
-            told = nothing if motion else flight.command(nothing)
+            told = everything if motion else flight.command(everything)
             shown = flight.engine.step([told])
-        assert parts(flight.engine.log) == [1.0, 0.0]
+        assert parts(flight.engine.log) == [0.25, 1.0]
 
 
 @every_engine
 def test_a_command_that_goes_on_in_the_next_episode_keeps_its_share() -> None:
-    for motion, told in (({}, "hover+0"), ({"space": "free"}, [0.0, 0.0, -1.0])):
+    for motion, told in (({}, "hover+1"), ({"space": "free"}, [0.0, 0.0, 1.0])):
         world = choosing(
             motion=motion,
             decisions={"kind": "event", "patience_s": 45},
@@ -164,7 +166,7 @@ def test_a_command_that_goes_on_in_the_next_episode_keeps_its_share() -> None:
             shown = flight.engine.reset(path_of(world, {0: [ask(0.0, 0.5), ask(29.0, 0.5)]}))
             while not (shown.terminated or shown.truncated):
                 shown = flight.engine.step([told if motion else flight.command(told)])
-        assert parts(flight.engine.log) == [0.0, 0.0]
+        assert parts(flight.engine.log) == [1.0, 1.0]
 
 
 # ---- names, masks
