@@ -351,6 +351,35 @@ MUTATIONS = (
         "shared_bps += 0",
         ("engine/test_delivery.py",),
     ),
+    Mutation(
+        "after a delivery over a backhaul the update that came last is the next one",
+        "rules/delivery.py",
+        "copy_update(store[k], store[upload.first + k])",
+        "copy_update(store[k], store[len(store) - 1 - k])",
+        ("engine/test_delivery.py",),
+    ),
+    # ---- bands
+    Mutation(
+        "requests that wait for one of two bands wait for the other one, too",
+        "rules/bands.py",
+        "    _exchange_entries(drone.waiting, aside.waiting)\n",
+        "",
+        ("engine/test_uplink.py",),
+    ),
+    Mutation(
+        "uploads share the band of downloads although they have one of their own",
+        "rules/bands.py",
+        "if drone.band not in (band, BOTH):",
+        "if drone.band == UP:",
+        ("engine/test_uplink.py",),
+    ),
+    Mutation(
+        "what is free in one band is free in the other one as well",
+        "rules/bands.py",
+        "    drone.free_hz, aside.free_hz = aside.free_hz, drone.free_hz\n",
+        "",
+        ("engine/test_uplink.py",),
+    ),
     # ---- batteries, stations, episodes
     Mutation(
         "the drone that landed last is charged first, SimPy engine",

@@ -23,20 +23,21 @@ from desim_uav.experiment.command import (
     label_of,
     record_episodes,
 )
+from desim_uav.experiment.evaluate import replicated
 from desim_uav.experiment.run import Played
-from desim_uav.measures.tally import Tally
+from desim_uav.measures.known import compared_in
+from desim_uav.measures.tally import MEASURED, Tally
 from desim_uav.policies.base import Policy
 from desim_uav.registry import naming_plug_ins
 from desim_uav.run_folder import RunDraft, RunPlace
 from desim_uav.sample_path import draw
+from desim_uav.scenario.schema import Scenario
 
 FORM = re.compile(r"(\d{1,9}):(\d{1,9})")
 BRANCHES = ("original", "other")
 """The folders of the two branches in the folder of a counterfactual."""
 
 FORK_FILE = "fork.json"
-COMPARED = ("qoe1_percent", "qoe2_iterations", "qoe3_percent", "reward_mean", "requests", "crashes")
-"""The measures of both branches that are set beside each other."""
 
 
 class At(NamedTuple):
@@ -148,7 +149,7 @@ def record_branches(
     """
     prepared, at, how = branches.prepared, branches.at, branches.how
     _check(branches)
-    tallies = Since(at), Since(at)
+    tallies = Since(at, prepared.scenario), Since(at, prepared.scenario)
     then = replace(
         prepared, policy=branches.other, name=f"{prepared.name}, then {branches.other_name}"
     )
@@ -196,33 +197,35 @@ def _check(branches: Branches) -> None:
 class Since:
     """The measures of a branch over the episodes from that of the fork on."""
 
-    def __init__(self, at: At) -> None:
-        self.first = at.episode
-        self.frames: dict[str, list[pd.DataFrame]] = {"requests": [], "episodes": []}
+    def __init__(self, at: At, scenario: Scenario) -> None:
+        self.first, self.scenario = at.episode, scenario
+        self.tally = Tally()
 
     def noting(self, write: Write) -> Write:
-        """Return a function that writes a table, and notes what the measures need."""
+        """Return a function that writes a table, and adds up what the measures need."""
 
         def both(name: str, frame: pd.DataFrame) -> None:
             write(name, frame)
-            if name in self.frames:
-                self.frames[name].append(frame[frame["episode"] >= self.first])
+            if name in MEASURED:
+                self.tally.add(**{name: frame[frame["episode"] >= self.first]})
 
         return both
 
-    def measures(self) -> dict[str, Any]:
-        """Return the measures that are compared."""
-        tally = Tally()
-        for requests, episodes in zip(*self.frames.values(), strict=True):
-            tally.add(requests, episodes)
-        headline = tally.headline()
-        return {name: headline[name] for name in COMPARED}
+    def measures(self) -> dict[str, float | None]:
+        """Return the number of requests, and the measures that comparisons have."""
+        names = ("requests", *compared_in(self.scenario))
+        return replicated(self.tally.headline(), self.scenario, names)
 
 
-def _difference(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
+def _difference(
+    one: dict[str, float | None], other: dict[str, float | None]
+) -> dict[str, float | None]:
     """Return what the other branch has more than the original; None where one has no value."""
-    comparable = {name for name in COMPARED if None not in (one[name], other[name])}
-    return {name: other[name] - one[name] if name in comparable else None for name in COMPARED}
+    pairs = {name: (value, other[name]) for name, value in one.items()}
+    return {
+        name: None if first is None or second is None else second - first
+        for name, (first, second) in pairs.items()
+    }
 
 
 # ---- the folder

@@ -210,7 +210,9 @@ class Training:
         """Learn in episodes in compiled code; return the results (see ``TrainingColumns``)."""
         engine = self.engine
         assert isinstance(engine, BatchSimulation)
-        paths, starts = engine.prepare(draw_all(self.world, self.seed, numbers))
+        drawn = draw_all(self.world, self.seed, numbers)
+        engine.make_room_for_stores(drawn)
+        paths, starts = engine.prepare(drawn)
         results = np.zeros((len(numbers), len(self.learners), fused.RESULTS))
         fused.play(
             engine.fixed.at,

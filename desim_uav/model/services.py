@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
@@ -167,6 +168,12 @@ def amount_of(service: Service, stage: Stage) -> Amount:
         mean *= float(np.mean(by))
     scale, per = stage.scale, stage.per
     return Amount(least * scale // per, mean * scale / per, most * scale // per)
+
+
+def largest_product(service: Service, stage: Stage) -> int:
+    """Return the largest product of what a stage multiplies, before it is divided by ``per``."""
+    factors = [service.values()[name] for name in (stage.amount, stage.times) if name is not None]
+    return math.prod([stage.scale, *(int(np.max(each)) for each in factors)])
 
 
 def rate_of(stage: Stage, most_bps: int, clock: int) -> int:

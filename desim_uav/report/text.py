@@ -56,13 +56,6 @@ AGES = narrow(
 )
 """The columns of the table of sensors: ages, and what became of their updates."""
 
-FORKED = narrow(("qoe1_percent", "qoe2_iterations", "qoe3_percent")) | {
-    "reward_mean": ("reward", ".3f"),
-    "requests": ("requests", "d"),
-    "crashes": ("crashes", "d"),
-}
-"""The measures of the branches of a run: headings and formats."""
-
 
 def print_table(table: Table) -> None:
     """Print a table as wide as the terminal, or with a fixed width into a file or pipe."""
@@ -93,19 +86,16 @@ def in_world(summary: dict[str, Any]) -> str:
 def print_fork(content: dict[str, Any]) -> None:
     """Print the measures of both branches of a run since the episode of its fork."""
     title = "{scenario}, seed {seed}: {to} instead of {policy} from {episode}:{step} on"
-    table = Table(
-        title=_text(title.format(**content)),
-        box=box.SIMPLE_HEAD,
-        padding=(0, 0, 0, 1),
-        title_justify="left",
-    )
-    table.add_column("", no_wrap=True)
-    for heading, _ in FORKED.values():
-        table.add_column(heading, justify="right")
-    rows = {"original": "original", "other": content["to"], "difference": "difference"}
-    for name, label in rows.items():
-        signed = "+" if name == "difference" else ""
-        cells = (_cell(content[name], key, signed + form) for key, (_, form) in FORKED.items())
+    tell(title.format(**content))
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    table.add_column("measure", no_wrap=True)
+    branches = {"original": "original", "other": content["to"], "difference": "difference"}
+    for label in branches.values():
+        table.add_column(_text(label), justify="right")
+    for name in content["difference"]:
+        label, form = KNOWN[name].label, KNOWN[name].form
+        forms = (form, form, "+" + form)
+        cells = (_cell(content[of], name, own) for of, own in zip(branches, forms, strict=True))
         table.add_row(_text(label), *cells)
     print_table(table)
     tell(content["run_dir"])

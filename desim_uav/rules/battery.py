@@ -157,7 +157,17 @@ def _computed_uj(drone: Drone, now_us: int) -> int:
 
     It draws nothing from the battery on the ground, where the station supplies it.
     """
-    return (drone.power_uw * (now_us - drone.drawn_us) + drone.rest_pj) // MILLION
+    elapsed_us = now_us - drone.drawn_us
+    return drone.power_uw // MILLION * elapsed_us + _rest_pj(drone, elapsed_us) // MILLION
+
+
+@rule
+def _rest_pj(drone: Drone, elapsed_us: int) -> int:
+    """Return what a processor has drawn besides whole watts, in picojoules.
+
+    Whole watts are counted apart in ``_computed_uj``, so that neither product exceeds 64 bits.
+    """
+    return drone.power_uw % MILLION * elapsed_us + drone.rest_pj
 
 
 @rare_rule
@@ -168,7 +178,7 @@ def count_computing(state: State, drone: Drone) -> None:
     """
     if drone.mode in AIRBORNE:
         drawn_uj = _computed_uj(drone, state.now_us)
-        drone.rest_pj += drone.power_uw * (state.now_us - drone.drawn_us) - MILLION * drawn_uj
+        drone.rest_pj = _rest_pj(drone, state.now_us - drone.drawn_us) % MILLION
         drone.charge -= drawn_uj
         drone.used += drawn_uj
     drone.drawn_us = state.now_us

@@ -49,7 +49,7 @@ def _await_delivery(world: Constants, state: State, drone: Drone) -> None:
     upload, slot, rate = drone.upload, upload_slot(state, drone.index), drone.upload.rate
     undo(state, slot)
     if rate > 0:
-        lasts_us = (drone.store[0].size - upload.done + rate - 1) // rate
+        lasts_us = (drone.store[upload.first].size - upload.done + rate - 1) // rate
         if state.now_us + lasts_us <= world.horizon_us:
             due(state, slot, state.now_us + lasts_us, key(words.COMPLETION, drone.index, -1))
 
@@ -60,20 +60,37 @@ def deliver_first(world: Constants, state: State, drone: Drone) -> None:
 
     Its room is given back, and the next one is sent.
     """
-    update, upload, last = drone.store[0], drone.upload, len(drone.store) - 1
+    upload = drone.upload
+    update = drone.store[upload.first]
     deliver(world, state, drone, update, words.COMPLETION)
     drone.freight[update.user].count -= 1
     drone.stored_ubit -= update.size
-    for k in range(last):
-        copy_update(drone.store[k], drone.store[k + 1])
-    drone.store.pop()
+    _remove_first(drone)
     upload.done, upload.counted_us = 0, state.now_us
-    if last > 0:
+    if len(drone.store) > 0:
         _await_delivery(world, state, drone)
     else:
         upload.under_way = upload.rate = 0
     if drone.crowded and drone.serving:
         scan_later(state, drone)
+
+
+@rule
+def _remove_first(drone: Drone) -> None:
+    """Remove the first update in a store.
+
+    The rest moves to the front when it is not more than what has been removed, so that each update
+    moves once at most, on average.
+    """
+    store, upload = drone.store, drone.upload
+    upload.first += 1
+    left = len(store) - upload.first
+    if left <= upload.first:
+        for k in range(left):
+            copy_update(store[k], store[upload.first + k])
+        for _ in range(upload.first):
+            store.pop()
+        upload.first = 0
 
 
 # ---- by landing, or not at all
@@ -90,7 +107,7 @@ def unload(world: Constants, state: State, drone: Drone, phase: int) -> None:
         if freight.count > 0:
             freight.before_us = let_fall(world, state, drone, state.users[u], freight.fresh_us)
             sensor.delivered += freight.count
-    for k in range(len(drone.store)):
+    for k in range(drone.upload.first, len(drone.store)):
         update = drone.store[k]
         note(state, phase, words.ON_DELIVER, drone.index, update.user, -1, update.number)
         after_us = state.now_us - state.sensors[update.user].fresh_us
@@ -104,7 +121,7 @@ def lose_updates(world: Constants, state: State, drone: Drone) -> None:
     """Lose all updates in the store of a drone that has crashed."""
     for u in range(len(drone.freight)):
         state.sensors[u].lost += drone.freight[u].count
-    for k in range(len(drone.store)):
+    for k in range(drone.upload.first, len(drone.store)):
         update = drone.store[k]
         note(state, words.DEPLETION, words.ON_LOSE, drone.index, update.user, -1, update.number)
         log_update(state, update, words.LOST_IN_CRASH, -1, -1)

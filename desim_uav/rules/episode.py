@@ -90,7 +90,9 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.since_us -= state.now_us
     drone.until_us -= state.now_us
     if drone.mode not in words.TIMED or drone.until_us <= 0:
-        drone.until_us = drone.taken = 0
+        drone.until_us, drone.taken = 0, words.NO_COMMAND
+        if drone.off_grid and drone.point < 0:
+            drone.course.share = world.least_share
     if drone.point >= 0:
         drone.since_us = drone.until_us = 0
     if not drone.fallen:

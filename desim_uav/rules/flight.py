@@ -106,7 +106,7 @@ def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None
     if drone.off_grid:
         x_m, y_m = (x + 0.5) * world.cell_x_m, (y + 0.5) * world.cell_y_m
         stay_at(drone, x_m, y_m, world.levels_m[0])
-        drone.course.share = 1.0  # nothing has been commanded it
+        drone.course.share = world.least_share  # nothing has been commanded it
 
 
 @rare_rule

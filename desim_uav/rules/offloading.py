@@ -9,6 +9,7 @@ from desim_uav.model.offloading import RowOffloading, Shares
 from desim_uav.model.services import COMPUTING
 from desim_uav.registry import register
 from desim_uav.rowcode.kernels import rule
+from desim_uav.rules import words
 from desim_uav.rules.bands import count_sharing, show_band
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.service import rate_bps
@@ -89,11 +90,19 @@ class Commanded(RowOffloading):
 
 @rule
 def commanded(world: Constants, state: State, user: User) -> float:
-    """Return the share that was commanded the drone to which a user is attached; otherwise 1."""
+    """Return the share that was commanded the drone to which a user is attached; otherwise 1.
+
+    Before the first command of the drone in an episode it is the lowest share, unless the drone
+    goes on with a command of the episode before.
+    """
     if user.holder < 0:
         return 1.0
     drone = state.senders[user.holder]
-    return drone.course.share if drone.off_grid else world.moves[drone.taken].share
+    if drone.off_grid:
+        return drone.course.share
+    if drone.taken == words.NO_COMMAND:
+        return world.least_share
+    return world.moves[drone.taken].share
 
 
 @rule

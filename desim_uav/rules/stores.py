@@ -7,6 +7,7 @@ as long as the update stands in the drone's line.
 from __future__ import annotations
 
 from desim_uav.rowcode.kernels import apart, rule
+from desim_uav.rules import words
 from desim_uav.rules.backhaul import has_one
 from desim_uav.rules.battery import type_of
 from desim_uav.rules.due import undo, upload_slot
@@ -30,7 +31,7 @@ def is_stored(world: Constants, drone: Drone, user: User) -> bool:
 def finds_room(world: Constants, state: State, drone: Drone, user: User) -> bool:
     """Return whether a drone's store has room for a user's update, which is promised to it then.
 
-    What does not go into the store needs no room. The stores of access points are not limited.
+    What does not go into the store needs no room.
     """
     if not is_stored(world, drone, user):
         return True
@@ -48,9 +49,10 @@ def finds_room(world: Constants, state: State, drone: Drone, user: User) -> bool
 def has_room(world: Constants, drone: Drone, size: int) -> bool:
     """Return whether a drone's store has room for so many millionths of a bit more.
 
-    The stores of access points are not limited.
+    The stores of access points hold as much as those of drones that have no limit.
     """
-    return drone.point >= 0 or drone.stored_ubit + size <= type_of(world, drone).store_ubit
+    most = words.NEVER if drone.point >= 0 else type_of(world, drone).store_ubit
+    return drone.stored_ubit + size <= most
 
 
 @rule
@@ -69,7 +71,7 @@ def empty_store(state: State, drone: Drone) -> None:
     upload = drone.upload
     if upload.under_way:
         undo(state, upload_slot(state, drone.index))
-    upload.under_way = upload.done = upload.rate = upload.counted_us = 0
+    upload.under_way = upload.first = upload.done = upload.rate = upload.counted_us = 0
     for u in range(len(drone.freight)):
         freight = drone.freight[u]
         freight.count = freight.fresh_us = freight.promised = freight.before_us = 0

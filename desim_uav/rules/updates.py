@@ -282,6 +282,6 @@ def end_sensors(world: Constants, state: State) -> None:
                     update.sent_us = user.request.t_first_us
                 log_update(state, update, words.BUFFERED, -1, -1)
     for d in range(len(state.senders)):
-        stored = state.senders[d].store
-        for k in range(len(stored)):
-            log_update(state, stored[k], words.STORED, -1, -1)
+        drone = state.senders[d]
+        for k in range(drone.upload.first, len(drone.store)):
+            log_update(state, drone.store[k], words.STORED, -1, -1)

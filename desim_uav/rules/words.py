@@ -119,6 +119,9 @@ step of the compiled engine is under way, or an error of a component of one's ow
 NEVER = rules.NEVER
 """The time of events that are not scheduled."""
 
+NO_COMMAND = -1
+"""Stands for the action that a drone has taken if it has not been commanded yet."""
+
 OWN = -1
 """Stands for the number of a transit that is a drone's own (``Course.flight``), in free flight."""
 

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
-from desim_uav.model.demand.demand import drawn_by
+from desim_uav.model.demand.demand import drawn_by, is_sensed
 from desim_uav.model.mobility.walks import Area
-from desim_uav.model.services import Service, amount_of, rate_of
+from desim_uav.model.services import Service, amount_of, collecting_of, rate_of
 from desim_uav.scenario.drones import flies_freely
 from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.schema import Scenario
@@ -25,6 +25,9 @@ MOST_EVENTS = 1e10
 
 PROGRAM = 100e6
 """The bytes of memory that a command takes however small its scenario is, more or less."""
+
+BYTES_AN_UPDATE = 130.0
+"""The bytes of memory of an update in the buffer of a sensor."""
 
 _LEVELS = ("map.cells", "map.levels.step_m", "map.levels.max_altitude_m", "map.obstacles")
 _WALKS = ("users.count", "episode.steps", "episode.step_s", "users.mobility")
@@ -110,6 +113,7 @@ def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> 
         CostPart("what drones observe", 60.0 * n.features, ("observation", "drones.count")),
         *(_of_batch(scenario, n) if engine == "batch" else _of_des(n)),
         *_pairs(scenario, n),
+        *_buffers(scenario),
         *([_event_log(logged, n)] if keep_events else []),
     )
     return Cost(events, memory)
@@ -211,6 +215,17 @@ def _pairs(scenario: Scenario, n: _Counts) -> Iterable[CostPart]:
     if scenario.separation_m is not None:
         keys = ("separation_m", "drones.count")
         yield CostPart("pairs of drones", 700.0 * n.drones * n.drones / 2.0, keys)
+
+
+def _buffers(scenario: Scenario) -> Iterable[CostPart]:
+    """The buffers of sensors, each of which has a place for one update more than it keeps."""
+    for group, demand in zip(scenario.user_groups, scenario.demands, strict=True):
+        name = getattr(demand, "service", "")
+        keeps = collecting_of(scenario.services.get(name)) if is_sensed(demand) else None
+        if keeps is not None:
+            keys = ("users.count", f"services.{name}.buffer")
+            places = float(group.count * (keeps.buffer + 1))
+            yield CostPart("the buffers of sensors", BYTES_AN_UPDATE * places, keys)
 
 
 def _ways_back(scenario: Scenario) -> int:

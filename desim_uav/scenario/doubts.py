@@ -17,7 +17,16 @@ from desim_uav.model.demand.demand import drawn_by
 from desim_uav.model.geometry.extents import extent_of, like_degrees
 from desim_uav.model.mobility.walks import Area
 from desim_uav.model.rules import US
-from desim_uav.model.services import PROCESSOR, amount_of, computes, largest_bps, rate_of, terms_of
+from desim_uav.model.services import (
+    MICROBITS,
+    PROCESSOR,
+    amount_of,
+    collecting_of,
+    computes,
+    largest_bps,
+    rate_of,
+    terms_of,
+)
 from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.users import Users
@@ -222,6 +231,21 @@ def tasks_can_migrate(scenario: Scenario) -> Iterator[str]:
             )
 
 
+def updates_fit_in_stores(scenario: Scenario) -> Iterator[str]:
+    """Yield warnings about updates for which the stores of all drones are too small."""
+    stores = [drones.store_mbit for drones in scenario.fleet if drones.store_mbit is not None]
+    if len(stores) < len(scenario.fleet) or scenario.access_points:
+        return
+    for name, service in scenario.services.items():
+        keeps = collecting_of(service)
+        most_mbit = max(amount_of(service, one).most for one in service.stages()) / MICROBITS
+        if keeps is not None and keeps.ground and most_mbit > max(stores):
+            yield (
+                f"services.{name}: updates of {most_mbit:g} Mbit are never sent, because no drone "
+                f"can store more than {max(stores):g} Mbit (store_mbit)"
+            )
+
+
 def losses_have_bounds(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about path losses of one's own whose bounds have to be sampled."""
     for key, why in losses_without_bounds(scenario):
@@ -244,6 +268,7 @@ DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     something_is_uploaded,
     deadlines_can_be_met,
     tasks_can_migrate,
+    updates_fit_in_stores,
     losses_have_bounds,
 )
 

@@ -57,7 +57,9 @@ class Drones(Section):
     backhaul: Annotated[Backhaul, BACKHAUL] | None = None
     """What connects each drone to the ground; null means that it limits no rate."""
     store_mbit: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
-    """How much data a drone can carry to the ground, in Mbit; null means any amount."""
+    """How much data a drone can carry to the ground, in Mbit; null means any amount, up to
+    4.6 million Mbit.
+    """
 
     @model_validator(mode="after")
     def _radio_decides(self) -> Drones:

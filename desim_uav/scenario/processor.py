@@ -14,6 +14,9 @@ from desim_uav.scenario.slots import PROCESSING
 MOST_GHZ = 1000.0
 """The largest clock of a core."""
 
+MOST_W = 1e6
+"""The largest power of a processor, whose energy in microjoules then fits in 64 bits."""
+
 
 class UserProcessor(Section):
     """The processor of each user, which computes what the user does not offload."""
@@ -61,3 +64,8 @@ class Processor(Section):
     def core_w(self) -> float:
         """The power of a busy core, in W."""
         return self.kappa * (self.ghz * 1e9) ** 3
+
+    @property
+    def most_w(self) -> float:
+        """Its power if all cores are busy, in W."""
+        return self.cores * self.core_w + self.electronics_w

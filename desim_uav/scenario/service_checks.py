@@ -18,6 +18,7 @@ from desim_uav.model.services import (
     Stage,
     amount_of,
     computes,
+    largest_product,
     problems_of,
     rates_bps,
     terms_of,
@@ -25,7 +26,7 @@ from desim_uav.model.services import (
 from desim_uav.registry import kind_name
 from desim_uav.rowcode.components import works_on_rows
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.processor import Processor
+from desim_uav.scenario.processor import MOST_W, Processor
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -36,20 +37,33 @@ def stages_can_be_served(scenario: Scenario) -> Iterator[Finding]:
         path, problems = ("services", name), problems_of(service)
         yield from (Finding(path, problem) for problem in problems)
         for number, stage in enumerate(() if problems else service.stages()):
-            rates, (least, _, most) = rates_bps(service, stage), amount_of(service, stage)
+            rates, (limit, unit) = rates_bps(service, stage), _limit_of(stage)
             if not 0 <= np.min(rates) <= np.max(rates) <= MOST_BPS:
                 key = _key_of_list(name, service, stage.rate)
                 yield Finding(key, f"in bit/s, it must be from 0 to {MOST_BPS:,}")
-            limit, unit = _limit_of(stage)
-            lowest = int(len(service.stages()) == 1)
-            if not lowest <= least <= most <= limit:
+            problem = _of_amount(service, stage, limit, unit)
+            if problem:
                 key = _key_of_list(name, service, stage.amount)
-                yield Finding(key, f"in {unit}, it must be from {lowest} to {limit:,}")
+                yield Finding(key, problem, (_key_of_list(name, service, stage.times),))
             elif number:
                 alike = [one for one in service.stages() if _limit_of(one) == (limit, unit)]
                 total = sum(amount_of(service, one).most for one in alike)
                 if total > limit:
                     yield Finding(path, f"its stages need {total:,} {unit}, above {limit:,}")
+
+
+def _of_amount(service: Service, stage: Stage, limit: int, unit: str) -> str:
+    """Return why the amounts of a stage cannot be counted, or ""."""
+    least, _, most = amount_of(service, stage)
+    lowest, product = int(len(service.stages()) == 1), largest_product(service, stage)
+    if most > limit and stage.times is not None:
+        return f"times the largest of {stage.times}, it is {most:,} {unit}; at most {limit:,}"
+    if not lowest <= least <= most <= limit:
+        return f"in {unit}, it must be from {lowest} to {limit:,}"
+    if product > MOST_REQUIRED:
+        what = f"before it is divided by {stage.per:,}, its largest amount is {product:,}"
+        return f"{what}; at most {MOST_REQUIRED:,}"
+    return ""
 
 
 def _limit_of(stage: Stage) -> tuple[int, str]:
@@ -146,10 +160,18 @@ def tasks_are_paid_and_observed(scenario: Scenario) -> Iterator[Finding]:
 
 
 def processors_draw_from_energy(scenario: Scenario) -> Iterator[Finding]:
-    """Powers of processors beside a battery that holds no energy."""
+    """Powers of processors that are too large, or beside a battery that holds no energy."""
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         processor = drones.processor
-        if processor is None or in_joules(drones.battery):
+        if processor is None:
+            continue
+        if in_joules(drones.battery):
+            if processor.most_w > MOST_W:
+                yield Finding(
+                    (*key, "processor"),
+                    f"would draw {processor.most_w:.4g} W if all cores were busy (kappa times the "
+                    f"cube of the clock each, and electronics_w); at most {MOST_W:,.0f} W",
+                )
             continue
         for name in ("kappa", "electronics_w"):
             if getattr(processor, name) != Processor.model_fields[name].default:

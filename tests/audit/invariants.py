@@ -22,7 +22,7 @@ from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.rows import Constants, Drone, Request, State, User
 from desim_uav.rules.rows.drones import Band
-from desim_uav.rules.words import CHARGING, CRASHED, FLYING, IN_QUEUE
+from desim_uav.rules.words import CHARGING, CRASHED, FLYING, IN_QUEUE, NEVER
 from tests.audit.instants import audit_instant
 from tests.audit.lines import audit_lines
 from tests.audit.sensors import audit_sensors
@@ -147,7 +147,7 @@ def _backhaul(world: Constants, state: State, drone: Drone, served: Sequence[Req
     moving = [user for sender in state.senders for user in sender.moving]
     coming += [user for user in moving if drone.index in _ways(state, state.users[user])]
     assert drone.relayed == len(coming), f"results that come from {drone.index}"
-    stored = [update.size for update in drone.store]
+    stored = [update.size for update in drone.store[drone.upload.first :]]
     if stored and (capacity_bps < UNLIMITED_BPS or state.keeps_requests):
         promised = sum(freight.promised for freight in drone.freight)
         assert drone.stored_ubit == promised + sum(stored), f"store of {drone.index}"
@@ -255,11 +255,14 @@ def _finds_no_room(world: Constants, state: State, user: User) -> bool:
     Then there is not enough of it; otherwise all that is stored and promised fits.
     """
     drone, service = state.senders[user.holder], world.senses[user.index]
-    if not drone.freight or drone.point >= 0 or service < 0 or not world.updates[service].ground:
+    if not drone.freight or service < 0 or not world.updates[service].ground:
         return False
-    stored = sum(update.size for update in drone.store)
+    if drone.point >= 0 and world.radios[drone.radio].backhaul_bps == UNLIMITED_BPS:
+        return False  # it is at the ground
+    stored = sum(update.size for update in drone.store[drone.upload.first :])
     assert drone.stored_ubit == stored + sum(each.promised for each in drone.freight)
-    room = world.types[drone.type].store_ubit - drone.stored_ubit
+    most = NEVER if drone.point >= 0 else world.types[drone.type].store_ubit
+    room = most - drone.stored_ubit
     assert room >= 0, "a store is too full"
     promised = drone.freight[user.index].promised
     assert promised == user.request.required or drone.scan or room < user.request.required

@@ -58,7 +58,8 @@ def _updates(state: State, sensor: Sensor, user: User) -> None:
     there = sensor.count + stored
     assert sensor.generated == left + there, f"updates of user {user.index} are not conserved"
     if state.keeps_requests or state.keeps_events:
-        logged = [one for drone in state.senders for one in drone.store if one.user == user.index]
+        kept = [one for drone in state.senders for one in drone.store[drone.upload.first :]]
+        logged = [one for one in kept if one.user == user.index]
         assert len(logged) == stored, f"updates of user {user.index} in stores"
 
 

@@ -134,15 +134,39 @@ def test_a_drone_that_is_asked_by_event_keeps_its_share_until_it_is_asked_again(
 
 
 @every_engine
-def test_a_free_drone_that_begins_afresh_has_been_commanded_nothing() -> None:
-    world = choosing(motion={"space": "free"}, episode={"steps": 1, "step_s": 60})
-    flight = Flight(world)
-    flight.engine.reset(path_of(world))
-    flight.engine.step([[0.0, 0.0, -1.0]])
-    shown = flight.engine.reset(path_of(world, {0: [ask(0.0, 0.5)]}))
-    while not (shown.terminated or shown.truncated):
-        shown = flight.engine.step([[0.0, 0.0, 1.0]])
-    assert parts(flight.engine.log) == [1.0]
+@pytest.mark.parametrize("carry_over", [True, False])
+@pytest.mark.parametrize("motion", [{}, {"space": "free"}], ids=["cells", "free"])
+def test_before_its_first_command_a_drone_has_the_lowest_share(motion: Any, carry_over: bool):
+    """A task of the time 0 is made before the first command; that of an earlier episode is over."""
+    world = choosing(
+        motion=motion,
+        offloading={"kind": "commanded", "shares": [0.25, 1]},
+        episode={"steps": 1, "step_s": 60, "carry_over": carry_over},
+    )
+    everything = [0.0, 0.0, 1.0] if motion else "hover+1"
+    flight = Flight(world, carry_over=carry_over)
+    for _ in range(2):
+        shown = flight.engine.reset(path_of(world, {0: [ask(0.0, 0.5), ask(20.0, 0.5)]}))
+        while not (shown.terminated or shown.truncated):
+            told = everything if motion else flight.command(everything)
+            shown = flight.engine.step([told])
+        assert parts(flight.engine.log) == [0.25, 1.0]
+
+
+@every_engine
+def test_a_command_that_goes_on_in_the_next_episode_keeps_its_share() -> None:
+    for motion, told in (({}, "hover+1"), ({"space": "free"}, [0.0, 0.0, 1.0])):
+        world = choosing(
+            motion=motion,
+            decisions={"kind": "event", "patience_s": 45},
+            episode={"steps": 1, "step_s": 60, "carry_over": True},
+        )
+        flight = Flight(world, carry_over=True)
+        for _ in range(2):  # it is asked at 0 and 45 s, and then 30 s later
+            shown = flight.engine.reset(path_of(world, {0: [ask(0.0, 0.5), ask(29.0, 0.5)]}))
+            while not (shown.terminated or shown.truncated):
+                shown = flight.engine.step([told if motion else flight.command(told)])
+        assert parts(flight.engine.log) == [1.0, 1.0]
 
 
 # ---- names, masks

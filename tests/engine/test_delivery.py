@@ -11,6 +11,7 @@ import pytest
 
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.choose import make_engine
+from desim_uav.rules import delivery
 from desim_uav.scenario.load import from_mapping, to_plain
 from desim_uav.world import World, build_world
 from tests.audit.ages import audit_logs
@@ -145,6 +146,30 @@ def test_elastic_links_come_first(mast: bool) -> None:
 def test_an_access_point_without_a_backhaul_is_at_the_ground() -> None:
     log = fly_audited(elastic(None, mast=True), {0: [taken(1), taken(1.5)]})
     assert fates(log) == [("delivered", 2.0), ("delivered", 3.0)]
+
+
+def test_a_long_store_is_delivered_without_moving_all_of_it_each_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """While 0.04 Mbit are received every 0.1001 s, hardly any go on; then one every 0.1 s.
+
+    Each update is copied into the store, and moves within it once at most, on average.
+    """
+    copied: list[int] = []
+    original = delivery.copy_update
+
+    def counting(to: Any, update: Any) -> None:
+        copied.append(update.number)
+        original(to, update)
+
+    monkeypatch.setattr(delivery, "copy_update", counting)
+    count, last_s = 64, 0.1001 * 63 + 0.1
+    asks = {0: [half(0.1001 * k, 0.04) for k in range(count)]}
+    log = fly_audited(joined(kbps=401), asks, "hover")
+    assert [fate for fate, _ in fates(log)] == ["delivered"] * count
+    ended = [at_s for _, at_s in fates(log)]
+    assert ended == sorted(ended) and ended[-1] - last_s > 6.0
+    assert len(copied) <= 2 * count
 
 
 @pytest.mark.parametrize("engine", ["des", "batch"])

@@ -106,7 +106,7 @@ def check(world: World, seed: int) -> tuple[SavedState, list[Any]]:
     fresh = new(first, world)
     fresh.carry(saved.before)
     fresh.reset(saved.path)
-    for commands in saved.commands:
+    for commands in world.commands.played(saved.commands, saved.numbers):
         fresh.step(commands)
     assert saved.digest() == fresh.save().digest()
     used = new(second, world)
@@ -158,13 +158,13 @@ def test_in_both_engines_with_radio():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [4003, 4005])
+@pytest.mark.parametrize("seed", [4003])
 def test_in_both_engines_with_tasks(seed: int):
     check(random_tasks.world_of(seed), seed)
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [4003, 4005])
+@pytest.mark.parametrize("seed", [4005])
 def test_results_that_are_relayed(seed: int):
     check(random_tasks.relaying_world_of(seed), seed)
 

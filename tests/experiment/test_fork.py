@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import desim_uav as du
 from desim_uav.cli import app
+from desim_uav.measures.known import KNOWN, compared_in
 from desim_uav.model.rules import Action
 from desim_uav.policies.base import memory_of, remind
 from desim_uav.policies.baseline import Baseline
@@ -24,6 +25,7 @@ SMALL = {
     "drones.battery.return_below": 0.7,
     "seed": 3,
 }
+SERVICES = Path(__file__).parents[1] / "measures" / "services.yaml"
 TABLES = ("requests", "steps", "events", "legs", "users")
 
 
@@ -113,6 +115,7 @@ class TestBranches:
             summary = done.summary()
             assert summary[told]["qoe3_percent"] == pytest.approx(episodes["qoe3_percent"].mean())
             assert summary[told]["requests"] == episodes["requests"].sum()
+            assert list(summary[told]) == ["requests", *compared_in(du.load("case8", SMALL))]
         gain = done.difference()["qoe1_percent"]
         assert (
             gain
@@ -198,6 +201,30 @@ class TestCommand:
         assert ended.exit_code == 0
         for word in ("hover instead of baseline from 0:3 on", "original", "difference", "QoE3"):
             assert word in ended.stdout
+
+    @pytest.mark.thorough
+    def test_services_have_their_measures(self, tmp_path: Path):
+        """Those of a comparison; from the first step of the first episode on, they are a run's."""
+        ended = CliRunner().invoke(
+            app,
+            [
+                *("run", str(SERVICES), "--policy", "hover", "--fork", "0:0", "--to", "random"),
+                *("--json", "--out", str(tmp_path / "o")),
+            ],
+        )
+        told = json.loads(ended.stdout)
+        names = compared_in(du.load(SERVICES))
+        assert list(told["difference"]) == ["requests", *names]
+        for branch in ("original", "other"):
+            run = du.read_run(tmp_path / "o" / branch).summaries()[0]
+            for name in set(names) & set(run):
+                assert told[branch][name] == run[name], name
+        assert told["original"]["age_s"] and told["other"]["deadlines_met_percent"]
+        ended = CliRunner().invoke(
+            app,
+            ["run", str(SERVICES), "--fork", "0:0", "--to", "hover", "--out", str(tmp_path / "p")],
+        )
+        assert all(KNOWN[name].label in ended.stdout for name in names)
 
     @pytest.mark.parametrize(
         ("words", "message"),

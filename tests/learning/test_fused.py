@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numba.core.errors import UnsupportedBytecodeError
 
+from desim_uav.engine.choose import ENGINES
 from desim_uav.engine.compiled import BatchSimulation, simulation
 from desim_uav.errors import SimulationError
 from desim_uav.learning.q_learning import QLearning
@@ -18,6 +19,7 @@ from desim_uav.model.state import Facts
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.engine.test_store_memory import filling
 from tests.selection import by_default
 
 SHORT = "drones.battery.autonomy_min=9"
@@ -57,6 +59,20 @@ def test_the_same_is_learned(name: str):
         assert one.play() == other.play()
         assert_same(one, other)
     assert (one.q != before).any()
+
+
+@pytest.mark.parametrize("at_once", [1, 3])
+def test_stores_of_drones_have_memory_for_all_updates(at_once: int):
+    """Compiled training cannot play an episode again, so the memory of stores is foreseen."""
+    one, other = (Training(filling(), 0, engine) for engine in ENGINES)
+    assert isinstance(other.engine, BatchSimulation) and other.fuses
+    before = other.engine.buffers.log
+    rows = [[row for _ in range(3) for row in one.play()]]
+    rows.append([row for _ in range(3 // at_once) for row in other.play(at_once)])
+    assert rows[0] == rows[1]
+    assert_same(one, other)
+    stores = [len(sender.store) for sender in other.engine.state.senders]
+    assert max(stores) > before
 
 
 def test_either_goes_on_where_the_other_has_stopped():

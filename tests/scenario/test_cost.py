@@ -69,6 +69,30 @@ def test_memory(name):
     assert used / FACTOR < foreseen < used * FACTOR, (used, foreseen)
 
 
+def sensors(count, buffer):
+    reading = "{kind: collect, updates: {kind: poisson, mean_s: 60}, size_mbit: [1], buffer: %d}"
+    return loads(
+        "drones: {radio: {kind: link_classes, sharing: equal}}\n"
+        f"services: {{reading: {reading % buffer}}}\n"
+        "demand: {kind: sensing, service: reading}\n"
+        f"users: {{count: {count}}}\nreward: {{kind: age}}\nepisode: {{steps: 1}}"
+    )
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("engine", ["batch", "des"])
+def test_memory_of_buffers(engine):
+    played(sensors(100, 1), engine)  # what is compiled first is no cost of the scenario
+    tracemalloc.start()
+    try:
+        played(sensors(100, 2000), engine)
+        used = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    foreseen = cost(sensors(100, 2000), engine).memory_bytes
+    assert used / FACTOR < foreseen < used * FACTOR, (used, foreseen)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("engine", at_length("batch", "des"))
 def test_memory_of_the_event_log(engine):
@@ -134,6 +158,14 @@ class TestRefused:
         assert "GB of memory, but 4 GB are available" in message
         assert "for the walks of users (users.count, episode.steps" in message
         build_world(case8("episode.steps=10000"), 0)
+
+    def test_large_buffers_of_many_sensors(self):
+        """A hundred million places for updates take some 13 GB, whether they are used or not."""
+        scenario = sensors(1000, 100_000)
+        (part,) = (one for one in cost(scenario).memory if "sensors" in one.what)
+        assert part.amount > 1e10
+        assert part.keys == ("users.count", "services.reading.buffer")
+        assert not [one for one in cost(case8()).memory if "sensors" in one.what]
 
     def test_by_one_engine_alone(self, monkeypatch):
         """Tables of users by drones are the compiled engine's."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from desim_uav.scenario.doubts import updates_fit_in_stores
 from desim_uav.scenario.load import dump, loads, scenario_hash
 from tests.scenario.refused import blocks_of, check_block
 
@@ -26,6 +27,18 @@ reward: {kind: coverage_battery}
 @pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
 def test_messages(block: str) -> None:
     check_block(block)
+
+
+def test_updates_that_fit_in_no_store_are_a_warning() -> None:
+    ground = SENSORS.replace("keeps: last", "delivered: ground")
+    keys = "drones.store_mbit=2", "services.reading.size_mbit=[1, 2.5]"
+    (warning,) = updates_fit_in_stores(loads(ground, overrides=keys))
+    assert warning == (
+        "services.reading: updates of 2.5 Mbit are never sent, because no drone can store more "
+        "than 2 Mbit (store_mbit)"
+    )
+    for changes in (("drones.store_mbit=2.5", keys[1]), keys[1:], keys[:1]):
+        assert not list(updates_fit_in_stores(loads(ground, overrides=changes)))
 
 
 def test_it_can_be_written_and_read_again() -> None:

@@ -13,7 +13,7 @@ from desim_uav.engine.compiled.calls import ADDRESSES, NUMBERS
 from desim_uav.engine.compiled.scratch import scratch
 from desim_uav.engine.compiled.simulation import BatchSimulation
 from desim_uav.errors import SimulationError
-from desim_uav.rules.words import OUT_OF_MEMORY
+from desim_uav.rules.words import AIMS, OUT_OF_MEMORY
 
 
 class Forks:
@@ -69,13 +69,20 @@ class Forks:
         calls.fork_all(*engine.addresses(), len(engine.memory), self.table, self._all)
         self.outputs.over[:] = engine.terminated, engine.truncated, False
 
-    def step(self, commands: NDArray[np.int64], which: NDArray[np.bool_] | None = None) -> int:
+    def step(
+        self,
+        commands: NDArray[np.int64],
+        which: NDArray[np.bool_] | None = None,
+        aims: NDArray[np.float64] | None = None,
+    ) -> int:
         """Step the forks, or those of a mask (count,), by commands (count, drones).
 
-        Forks that are over stay as they are, and the outputs of the others are written. Returns the
-        number of forks that a fault has stopped now, which the last column of ``outputs.over``
-        says; ``more_room`` lets them be taken anew. Raises ValueError if the shape is another one,
-        or if a command is not an action.
+        ``aims`` (count, drones, AIMS) are the numbers of drones that fly freely, as
+        ``world.commands.arrays`` returns them for one fork; None stands for zeros. Forks that are
+        over stay as they are, and the outputs of the others are written. Returns the number of
+        forks that a fault has stopped now, which the last column of ``outputs.over`` says;
+        ``more_room`` lets them be taken anew. Raises ValueError if a shape is another one, or if a
+        command is not an action.
         """
         shape = (self.count, len(self.engine.drones))
         commands = np.ascontiguousarray(commands, np.int64)
@@ -84,6 +91,11 @@ class Forks:
             going &= which
         if commands.shape != shape:
             raise ValueError(f"commands must have the shape {shape}, not {commands.shape}")
+        if self.engine.world.free:
+            aims = np.zeros((*shape, AIMS)) if aims is None else np.ascontiguousarray(aims, float)
+            if aims.shape != (*shape, AIMS):
+                raise ValueError(f"aims must have the shape {(*shape, AIMS)}, not {aims.shape}")
+            calls.aim_all(self.table, aims, going)
         stopped = calls.step_all(self.table, commands, going, scratch())
         if stopped < 0:
             raise ValueError(f"commands must be from 0 to {len(self.engine.world.actions) - 1}")

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from desim_uav.model.services import MOST_BPS
+from desim_uav.model.services import MOST_BPS, Collecting
 from desim_uav.rules.service import MILLION
 from desim_uav.world import World
 
@@ -54,7 +54,10 @@ def too_large(world: World) -> list[str]:
 
 
 def sums_of(world: World) -> Iterator[Sum]:
-    """Yield the sums of an episode whose largest value depends on the scenario."""
+    """Yield the sums of an episode whose largest value depends on the scenario.
+
+    Those of requests are sums over users; sensors have more than one update at a time.
+    """
     scenario, horizon_us, users = world.scenario, world.horizon_us, len(world.homes)
     drones = scenario.drone_count
     together = "together is too long"
@@ -65,10 +68,19 @@ def sums_of(world: World) -> Iterator[Sum]:
         what = f"the time of all pairs of drones {together}"
         yield Sum("drones.count, separation_m, episode", what, pairs * horizon_us)
     keys = [".".join(map(str, key)) for key in scenario.fleet_keys]
-    for key, own in zip(keys, world.types, strict=True):
+    for key, own, fleet in zip(keys, world.types, scenario.fleet, strict=True):
         # A drone takes off at a decision epoch, with at most the capacity, and uses no more.
         used = own.capacity * (world.most_epochs + 1)
         yield Sum(f"{key}.battery, episode", "what a drone may use is too much", used)
+        if own.in_joules and fleet.processor is not None:
+            # Less than a watt, in picojoules; whole watts are at most MOST_W, a million.
+            what = "what its processor may draw is too much"
+            yield Sum(f"{key}.processor, episode", what, MILLION * horizon_us)
+    for name, count, keeps in _buffers(world):
+        # An update counts from when it was taken, so several of a sensor count at a time.
+        what = f"the time of all updates {together}"
+        most = 2 * count * (keeps.buffer + 1) * horizon_us
+        yield Sum(f"services.{name}.buffer, users.count, episode", what, most)
     keys += [f"access_points.{k}" for k in range(len(scenario.access_points))]
     for key, links in zip(keys, world.links, strict=True):
         efficiencies = [int(each) for each in links.efficiencies if each > 0]
@@ -79,3 +91,11 @@ def sums_of(world: World) -> Iterator[Sum]:
             widest_hz = int(max(links.bandwidth_hz, links.uplink_hz or 0))
             rate = widest_hz * max(efficiencies, default=0)
             yield Sum(f"{key}.radio", "the rate of its bandwidth is too large", rate)
+
+
+def _buffers(world: World) -> Iterator[tuple[str, int, Collecting]]:
+    """Yield the services whose updates sensors send, and how many sensors each of them has."""
+    for number, keeps in enumerate(world.services.collecting):
+        count = sum(service == number for service in world.senses)
+        if keeps is not None and count > 0:
+            yield world.services.names[number], count, keeps

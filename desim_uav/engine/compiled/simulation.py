@@ -104,6 +104,20 @@ class BatchSimulation(Engine):
             self.leg_buffer *= 2
         self._make_room()
 
+    def make_room_for_stores(self, paths: SamplePaths) -> None:
+        """Enlarge the stores of drones for episodes on these paths, for who cannot repeat them.
+
+        No more updates come into a store than are taken. Drones begin the next episode as before.
+        """
+        if self.state.uploads:
+            are_sensors = np.array(self.world.senses) >= 0
+            most = max(int(np.diff(one.offsets)[are_sensors].sum()) for one in paths.requests)
+            if most > self.buffers.log:
+                carried = self.carried()
+                self.buffers = self.buffers._replace(log=most)
+                self._make_room()
+                self.carry(carried)
+
     def _make_room(self) -> None:
         """Make a new state in memory."""
         self.memory = pack_state(self.world, self.settings, self.buffers, self.leg_buffer)

@@ -95,7 +95,7 @@ class TypeRow(Row):
     Charges (``capacity`` and others) are in the units of the energy model, of which a drone
     takes ``drain_per_s`` in a second of hovering; a battery counts as full at ``full``. The
     changes of users who stand still are those of ``Constants.known_at`` from number ``first_known``
-    on. Its store holds ``store_ubit`` of updates (NEVER: any number of them).
+    on. Its store holds ``store_ubit`` of updates (NEVER: it has no limit).
     The fields from ``scan`` on are functions, or in compiled code their addresses;
     ``admission_values`` and ``battery_values`` are the addresses of the components' fields.
     """

@@ -151,10 +151,12 @@ class Upload(Row):
     """How the first update in the store of a sender goes over its backhaul (``rules.delivery``).
 
     If it is ``under_way``, ``done`` millionths of a bit have been sent until ``counted_us``, since
-    when ``rate`` of them are sent per microsecond.
+    when ``rate`` of them are sent per microsecond. It is number ``first`` in the memory of the
+    store; those before it have been delivered.
     """
 
-    under_way: int
+    under_way: Int32
+    first: Int32
     done: int
     rate: int
     counted_us: int
