@@ -25,7 +25,7 @@ from tests.selection import by_default
 ROOT = Path(__file__).parents[1]
 SHIPPED = [
     *(f"case{k}" for k in range(1, 10)),
-    *("delivery_watch", "edge", "festival", "harvest", "interference"),
+    *("charging_age", "delivery_watch", "edge", "festival", "harvest", "interference"),
     *("street_canyon", "tiny", "urban_downlink"),
 ]
 SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")

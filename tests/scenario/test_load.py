@@ -126,7 +126,7 @@ def test_a_station_off_the_map_is_clipped() -> None:
 def test_all_scenarios_are_shipped() -> None:
     assert shipped.scenario_names() == [
         *(f"case{k}" for k in range(1, 10)),
-        *("delivery_watch", "edge", "festival", "harvest", "interference"),
+        *("charging_age", "delivery_watch", "edge", "festival", "harvest", "interference"),
         *("street_canyon", "tiny", "urban_downlink"),
     ]
 
