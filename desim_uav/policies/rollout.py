@@ -163,7 +163,7 @@ class Rollout:
             return bool(action is Action.CHARGE or ground.flights.return_at >= 0)
         place, flown = ground.flights.leads(drone, command, ground.after)
         if place < 0 or battery_s is None:
-            return place >= 0
+            return bool(place >= 0)
         charge = round(battery_s * ground.flights.own.drain_per_s)
         return bool(ground.is_safe(place, ground.units_after(charge, flown)))
 

@@ -34,9 +34,9 @@ Offset = tuple[int, int, int]
 MOST_POINTS = 500
 """The most points of a lattice that is finer than it must be."""
 
-NEAR, AROUND = 2, 16
-"""The moves lead to all points that are at most ``NEAR`` away along x and along y together, and to
-the furthest ones in ``AROUND`` directions."""
+AROUND = 16
+"""Moves lead to all points within reach along the axes and diagonals of the lattice, and to the
+furthest point in so many directions."""
 
 
 class FreeFlights:
@@ -96,7 +96,7 @@ class FreeFlights:
             way = round(math.atan2(offset[1] * dy, offset[0] * dx) / math.tau * AROUND) % AROUND
             if long_m > level.get(furthest.get(way, (0, 0, 0)), 0.0) + 1e-6:
                 furthest[way] = offset
-        kept = {each for each in level if abs(each[0]) + abs(each[1]) <= NEAR}
+        kept = {each for each in level if 0 in each[:2] or abs(each[0]) == abs(each[1])}
         kept.update(furthest.values())
         step_m = self.world.grid.level_step_m
         vertical: list[Offset] = [

@@ -121,7 +121,7 @@ def _ground_of(
 ) -> Ground:
     """Return the map of a planner for the drones of a type."""
     own, after = flights.own, flights.after()
-    moves, count = after.shape
+    count = after.shape[1]
     flown = [flights.flown(move) for move in flights.moves]
     charge_unit = _charge_unit(flights, flown)
     drains = np.array([-(-each.drain // charge_unit) for each in flown], np.int64)

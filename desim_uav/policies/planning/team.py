@@ -50,8 +50,8 @@ def horizon_of(grounds: Sequence[Ground], habits: Habits) -> int:
     if most < min(SHORTEST, habits.horizon):
         raise PolicyError(
             f"greedy: the scenario is too large: {len(ground.centres_m):,} "
-            f"{ground.flights.word} by {ground.radii_m.shape[1]:,} users, and {places:,} places by {units:,} steps of "
-            f"battery; the product must not exceed {MOST_SHARES // SHORTEST:,}"
+            f"{ground.flights.word} by {ground.radii_m.shape[1]:,} users, and {places:,} places by "
+            f"{units:,} steps of battery; the product must not exceed {MOST_SHARES // SHORTEST:,}"
         )
     return min(habits.horizon, most)
 
