@@ -165,6 +165,16 @@ def test_by_event_a_drone_that_waits_long_plans_its_hovers():
 # ---- safety, and both engines
 
 
+def test_a_plan_that_ends_before_the_episode_leaves_enough_to_reach_a_station():
+    """The users are two cells from the station, and a plan of two steps sees no charge."""
+    battery = {"autonomy_min": 6, "return_below": 0.5}
+    world = strip([(4, 0)], at(6, 6), steps=30, battery=battery)
+    assert not world.scenario.episode.carry_over
+    log = logged(world, "greedy:horizon=2")
+    assert log.crashes == 0 and log.charges > 0
+    assert max(step.x_m for step in log.steps) == 240 * 6.5
+
+
 def fleet(seed: int, *, free: str, by_event: bool) -> World:
     """A random fleet of two types with short batteries; ``free`` are the kinds of the types."""
     rng = np.random.default_rng(seed)

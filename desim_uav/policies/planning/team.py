@@ -181,8 +181,12 @@ class TeamPlanner:
         return float((1.0 - np.prod(1.0 - self.covers, axis=0)).sum())
 
     def _needs(self, ground: Ground) -> Ints:
-        """Return the battery that drones need at each place at the end of their plans."""
-        return ground.needs if self.goes_on else np.minimum(ground.needs, 1)
+        """Return the battery that drones need at each place at the end of their plans.
+
+        If nothing comes after the plans, because the last episode ends, any battery is enough.
+        """
+        ends = not self.goes_on and self.steps == self.sight.left
+        return np.minimum(ground.needs, 1) if ends else ground.needs
 
     def _rates(self, ground: Ground, gained: Floats) -> tuple[float, float]:
         """Return the worth of a unit of battery, and of a tick of charging, after the plan.
