@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from desim_uav.commands.given import Command
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
 from desim_uav.policies.planning.options import Option, options_of
@@ -41,7 +42,11 @@ class Greedy:
     while it waits for a link, and its result only for the drone that has it. A sensor's weight is
     larger by ``age`` times its age over the mean age of all sensors. All drones revise their plans
     up to ``rounds`` times. New plans are made after ``every`` decision epochs, and when a drone is
-    not where its plan says.
+    not where its plan says. If drones decide by event, ``every`` counts the shortest times between
+    two commands instead.
+
+    Each type of drones has places, moves, footprints and batteries of its own (``Ground``). Drones
+    that fly freely plan over a lattice of points, and charge by returns.
 
     Plans contain when and where drones charge, and no plan lets a battery run empty.
     """
@@ -57,19 +62,19 @@ class Greedy:
         self.options = options_of("greedy", options, settings, OPTIONS)
         self.name = f"greedy:{options}" if options else "greedy"
         self._engine: Engine | None = None
-        self._ground: Ground | None = None
+        self._grounds: tuple[Ground, ...] = ()
         self._plans: Any = ()
-        self._age, self._stale = 0, False
+        self._made_us, self._stale = 0, False
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Make the map of the world. Raises PolicyError if the scenario is too large."""
-        from desim_uav.policies.planning.ground import ground_of
+        """Make the maps of the world. Raises PolicyError if the scenario is too large."""
+        from desim_uav.policies.planning.ground import grounds_of
         from desim_uav.policies.planning.team import Habits, horizon_of
 
         self._habits = Habits(*(self.options[name] for name in Habits._fields))
-        if self._ground is None or self._ground.world is not world:
-            self._ground = ground_of(world)
-        horizon_of(self._ground, self._habits)
+        if not self._grounds or self._grounds[0].world is not world:
+            self._grounds = grounds_of(world)
+        horizon_of(self._grounds, self._habits)
         self.forget()
 
     def watch(self, engine: Engine) -> None:
@@ -82,56 +87,58 @@ class Greedy:
 
     def act_jointly(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-    ) -> list[int]:
+    ) -> list[Command]:
         """Return the first action of each drone's plan, or the action that is forced."""
         from desim_uav.policies.planning.sight import look
         from desim_uav.policies.planning.team import TeamPlanner, commands_of
 
-        if self._engine is None or self._ground is None:
+        if self._engine is None or not self._grounds:
             raise RuntimeError("greedy needs the engine; call begin and watch first")
-        sight = look(self._engine, self._ground, observations)
-        if not self._may_follow(sight):
-            team = TeamPlanner(self._ground, sight, self._habits)
-            team.begin_with(self._plans, self._age)
+        sight = look(self._engine, self._grounds, observations)
+        now_us = int(self._engine.state.now_us)
+        age = round((now_us - self._made_us) / self._grounds[0].tick_us)
+        if not self._may_follow(sight, age):
+            team = TeamPlanner(self._grounds, sight, self._habits)
+            team.begin_with(self._plans, age)
             team.improve(self._habits.rounds)
-            self._plans, self._age, self._stale = team.plans, 0, False
-        age, self._age = self._age, self._age + 1
-        return commands_of(self._ground, self._plans[:, age, 0], observations, masks)
+            self._plans, self._made_us, self._stale, age = team.plans, now_us, False, 0
+        plans = self._plans[:, age]
+        return commands_of(self._grounds, self._engine, plans, observations, masks)
 
-    def _may_follow(self, sight: PlanningSight) -> bool:
+    def _may_follow(self, sight: PlanningSight, age: int) -> bool:
         """Return whether all drones that decide are where their plans say, if these are to last."""
         if self._stale or len(self._plans) == 0:
             return False
-        if self._age >= min(self.options["every"], self._plans.shape[1]):
+        if age >= min(self.options["every"], self._plans.shape[1]):
             return False
-        now = self._plans[:, self._age]
+        now = self._plans[:, age]
         return all(
-            one.ready > 0 or (now[d, 0] >= 0 and now[d, 1] == one.place)
+            one.ready > 0 or (now[d, 0] >= 0 and now[d, 1:].tolist() == [one.place, 0])
             for d, one in enumerate(sight.drones)
         )
 
     def memory(self) -> dict[str, Any]:
-        """Return the present plans and their age."""
-        return {"plans": [plan.tolist() for plan in self._plans], "age": self._age}
+        """Return the present plans and when they were made, in microseconds."""
+        return {"plans": [plan.tolist() for plan in self._plans], "made_us": self._made_us}
 
     def remember(self, memory: dict[str, Any]) -> None:
         """Go on with plans that ``memory`` has returned."""
         self._plans = np.array(memory["plans"], np.int64) if memory["plans"] else ()
-        self._age = memory["age"]
+        self._made_us = memory["made_us"]
 
     def in_rollouts(self, horizon: int) -> Greedy:
         """Return a policy that does nearly the same in simulations, but plans once in each."""
         plans_for = min(self.options["horizon"], horizon + BEYOND)
         changes = {"horizon": plans_for, "every": horizon, "rounds": 1}
         quick = Greedy(**{**self.options, **changes})
-        quick._ground = self._ground
+        quick._grounds = self._grounds
         return quick
 
     def forget(self) -> None:
         """Make plans anew at the next decision epoch, whatever was planned before."""
-        self._plans, self._age = (), 0
+        self._plans, self._made_us = (), 0
 
     def think_like(self, other: Greedy) -> None:
         """Make plans anew at the next decision epoch, but begin with those of another planner."""
-        self._plans, self._age = other._plans, other._age
+        self._plans, self._made_us = other._plans, other._made_us
         self._stale = True

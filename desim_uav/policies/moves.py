@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from desim_uav.commands.given import Command
 from desim_uav.model.geometry.grid import Cell
 from desim_uav.model.geometry.prisms import first_entry
-from desim_uav.model.motion.legs import reach_along
+from desim_uav.model.motion.legs import direction, reach_along, reach_m
 from desim_uav.model.motion.space import ANY_SPEED
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import MOVES, US, Action, fastest_of
@@ -89,9 +89,33 @@ class FreeMoves:
         most_m = reach_along(space.commanded, space.wind, ANY_SPEED, ahead, step_s)
         parts = max(1, math.ceil(length_m / most_m - 1e-9))
         share = length_m / parts / most_m
-        displacement = [share * one for one in ahead[: self._world.dimensions]]
+        return [self._numbers(drone, [share * one for one in ahead])] * parts
+
+    def towards(self, drone: int, start: Point, stop: Point) -> list[float]:
+        """Return the numbers of the displacement that leads a drone from one place to another.
+
+        It leads less far if a step is too short, and it may be blocked by an obstacle.
+        """
+        space, step_s = self._world.type_of(drone).space, self._world.step_us / US
+        ahead, length_m = direction(start, stop)
+        if length_m == 0.0:
+            return self._numbers(drone, [0.0, 0.0, 0.0])
+        share = min(
+            1.0, length_m / reach_along(space.commanded, space.wind, ANY_SPEED, ahead, step_s)
+        )
+        limits, up = space.commanded, ahead[2] > 0.0
+        level_m = reach_m(limits.level_mps, limits.level_mps2, step_s)
+        climb_mps = limits.climb_mps if up else limits.descent_mps
+        vertical_m = reach_m(climb_mps, limits.vertical_mps2, step_s)
+        aim = [ahead[0] / level_m, ahead[1] / level_m, ahead[2] / vertical_m]
+        size = max(math.hypot(aim[0], aim[1]), abs(aim[2]))
+        return self._numbers(drone, [share * one / size for one in aim])
+
+    def _numbers(self, drone: int, displacement: list[float]) -> list[float]:
+        """Return the numbers of a command: a displacement, and the highest of all choices."""
+        own = self._world.type_of(drone)
         highest = [1.0] * (own.chooses_cruise + bool(own.shares))
-        return [displacement + highest + [-1.0] * own.limited] * parts
+        return displacement[: self._world.dimensions] + highest + [-1.0] * own.limited
 
     def _place(self, cell: Cell, level: int) -> Point:
         return (*self._grid.centre(*cell), self._grid.levels_m[level])

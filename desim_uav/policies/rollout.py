@@ -19,6 +19,7 @@ from desim_uav.world import World
 
 if TYPE_CHECKING:
     from desim_uav.engine.episode import Engine
+    from desim_uav.policies.planning.ground import Ground
 
 OPTIONS = {
     "samples": Option(4, 1, 1000),
@@ -62,7 +63,7 @@ class Rollout:
         if isinstance(self._base, Rollout) or getattr(self._base, "clairvoyant", False):
             raise ValueError("the base of a rollout must not be a rollout or a clairvoyant")
         self.name = f"rollout:{argument}" if base is None else f"rollout:{policy_name(base)}"
-        self._ground: Any = None
+        self._grounds: tuple[Ground, ...] = ()
         self.observation = getattr(self._base, "observation", None)
         seed = getattr(self._base, "world_seed", None)
         if seed is not None:
@@ -80,12 +81,12 @@ class Rollout:
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Let the base begin. Raises PolicyError if the scenario cannot be simulated."""
-        from desim_uav.policies.planning.ground import ground_of
+        from desim_uav.policies.planning.ground import grounds_of
         from desim_uav.policies.planning.inner import inner_engine
 
         goes_on = world.scenario.episode.carry_over
-        if self._ground is None or self._ground.world is not world:
-            self._ground = ground_of(world)
+        if not self._grounds or self._grounds[0].world is not world:
+            self._grounds = grounds_of(world)
             self._inner = inner_engine("rollout", world, goes_on)
         self._seed, self._world = streams.seed, world
         self._base.begin(world, streams, carried)
@@ -117,7 +118,8 @@ class Rollout:
     ) -> list[Command]:
         """Return the best command of each drone, in turn."""
         commands = decide_by(self._base, observations, masks, self._world)
-        options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
+        each = zip(observations, masks, commands, strict=True)
+        options = [self._options(*one) for one in each]
         commands = [self._safely(d, commands[d], allowed) for d, allowed in enumerate(options)]
         if all(len(each) < 2 for each in options):
             return commands
@@ -137,50 +139,45 @@ class Rollout:
             self.remember(self._memory)
         return commands
 
-    def _options(self, observation: Observation, mask: Sequence[bool]) -> list[int]:
+    def _options(
+        self, observation: Observation, mask: Sequence[bool], command: Command
+    ) -> list[Command]:
         """Return the commands that a drone may choose from, if it can reach a station after them.
 
-        There are no moves that are blocked, and no returns if drones may lose their way.
+        There are no moves that are blocked, and no returns if drones may lose their way. Numbers
+        that the base has chosen in free flight are among them.
         """
         if observation.mode not in DECIDES:
             return []
-        ground, options = self._ground, []
         drone = self._engine.drones[observation.drone]
-        place = ground.number(int(drone.x), int(drone.y), int(drone.level))
-        for command, action in enumerate(self._world.actions):
-            k = ground.move(action)
-            if k >= 0:
-                may = self._can_return(
-                    int(ground.after[k, place]), int(ground.takes[command]), observation
-                )
-            else:
-                may = action is Action.CHARGE or self._world.scenario.position_noise is None
-            if mask[command] and may:
-                options.append(command)
-        return options
+        options = self._grounds[observation.drone].flights.options(drone, mask)
+        if not isinstance(command, int):
+            options = [command, *options]
+        return [one for one in options if self._may(drone, one, observation.battery_s)]
 
-    def _can_return(self, place: int, drain: int, observation: Observation) -> bool:
-        """Return whether a drone can be in a place and reach a station from there."""
-        if place < 0 or observation.battery_s is None:
-            return place >= 0
-        ground = self._ground
-        units = (
-            round(observation.battery_s * ground.world.only_type.drain_per_s) // ground.charge_unit
-            - drain
-        )
-        _, _, takes, exists = ground.returns[place].tolist()
-        by_return = bool(exists) and min(units, ground.return_at) > takes
-        return by_return or bool(units >= ground.needs[place])
+    def _may(self, drone: Any, command: Command, battery_s: float | None) -> bool:
+        """Return whether a drone can follow a command and reach a station after it."""
+        ground = self._grounds[drone.index]
+        action = self._world.actions[command] if isinstance(command, int) else Action.FLY
+        if action in (Action.CHARGE, Action.GOTO_CHARGING_STATION):
+            return bool(action is Action.CHARGE or ground.flights.return_at >= 0)
+        place, flown = ground.flights.leads(drone, command, ground.after)
+        if place < 0 or battery_s is None:
+            return bool(place >= 0)
+        charge = round(battery_s * ground.flights.own.drain_per_s)
+        return bool(ground.is_safe(place, ground.units_after(charge, flown)))
 
-    def _safely(self, drone: int, command: Command, allowed: list[int]) -> Command:
+    def _safely(self, drone: int, command: Command, allowed: list[Command]) -> Command:
         """Return a command of the base, or that of the allowed ones that leads nearest to home."""
         if command in allowed or not allowed:
             return command
-        ground, row = self._ground, self._engine.drones[drone]
-        place = ground.number(int(row.x), int(row.y), int(row.level))
-        moves = [ground.move(action) for action in self._world.actions]
-        after = [ground.after[k, place] if k >= 0 else place for k in moves]
-        return min(allowed, key=lambda k: (ground.needs[after[k]], k))
+        ground, row = self._grounds[drone], self._engine.drones[drone]
+
+        def units(k: int) -> int:
+            place, _ = ground.flights.leads(row, allowed[k], ground.after)
+            return int(ground.needs[place])
+
+        return allowed[min(range(len(allowed)), key=lambda k: (units(k), k))]
 
     def _imagine(self) -> None:
         """Draw the futures in which all commands of this decision epoch are tried."""
@@ -215,8 +212,7 @@ class Rollout:
         else:
             self._mind.think_like(self._base)
         snapshot: Snapshot = inner.step(commands)
-        for _ in range(self.options["horizon"] - 1):
-            if snapshot.terminated or snapshot.truncated:
-                break
+        ends_us = int(self._engine.state.now_us) + self.options["horizon"] * self._world.step_us
+        while snapshot.t_us < ends_us and not (snapshot.terminated or snapshot.truncated):
             snapshot = inner.step(decide(base, snapshot, self._world))
         return score(inner, self.options["qoe1"])

@@ -17,7 +17,7 @@ from desim_uav.experiment import tables
 from desim_uav.experiment.run import play
 from desim_uav.learning.training import Training
 from desim_uav.model.rules import Action, Mode, Variant, actions, free_actions
-from desim_uav.policies.planning.ground import ground_of
+from desim_uav.policies.planning.ground import grounds_of
 from desim_uav.rules.decide import mask
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -238,9 +238,9 @@ def test_policies_fly_with_it(policy: str, space: str) -> None:
 
 
 def test_planners_offload_as_much_as_they_can() -> None:
-    ground = ground_of(choosing())
-    assert ground.actions[0] == Variant(Action.HOVER, share=1.0)
-    assert {action.share for action in ground.actions} == {1.0}  # type: ignore[union-attr]
+    moves = grounds_of(choosing())[0].flights.moves
+    assert moves[0] == Variant(Action.HOVER, share=1.0)
+    assert {action.share for action in moves} == {1.0}  # type: ignore[union-attr]
 
 
 def test_environments_have_an_action_for_each_move_and_share() -> None:

@@ -17,7 +17,7 @@ from desim_uav.experiment.run import play
 from desim_uav.learning.training import Training
 from desim_uav.model.energy.battery import Endurance
 from desim_uav.model.rules import Action, Mode, Variant, fastest_of, kind_of, move_of
-from desim_uav.policies.planning.ground import ground_of
+from desim_uav.policies.planning.ground import grounds_of
 from desim_uav.report.tracks import Track
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
@@ -178,9 +178,9 @@ def test_functions_name_the_speed_or_take_the_highest():
 
 
 def test_planners_plan_with_the_speed_that_takes_least_of_a_battery():
-    thrifty = ground_of(choosing(battery=rotary(30.0))).actions
+    thrifty = grounds_of(choosing(battery=rotary(30.0)))[0].flights.moves
     assert Variant(Action.RIGHT, 5.0) in thrifty  # 8,922 J in a step, not 9,936 J
-    by_time = ground_of(choosing(battery={"kind": "endurance"})).actions
+    by_time = grounds_of(choosing(battery={"kind": "endurance"}))[0].flights.moves
     assert Variant(Action.RIGHT, 20.0) in by_time  # the highest of equally thrifty speeds
     assert len(thrifty) == len(by_time) == 5
 

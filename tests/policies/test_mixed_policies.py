@@ -155,12 +155,6 @@ def test_commands_of_the_other_kind_are_refused(drone: int, answer: Any, allowed
     assert f"it returned {answer!r} for drone {drone}; allowed: {allowed}" in str(error.value)
 
 
-@pytest.mark.parametrize("policy", ["greedy", "rollout:baseline", "clairvoyant"])
-def test_planners_need_drones_of_one_type(policy: str):
-    with pytest.raises(ScenarioError, match="needs drones of one type"):
-        flown(limited(), policy)
-
-
 def test_learners_with_tables_and_bounds_need_drones_by_cells():
     with pytest.raises(ScenarioError, match="a learner with a table needs drones that fly from"):
         Training(limited(), 0)

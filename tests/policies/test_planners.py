@@ -27,7 +27,7 @@ from desim_uav.policies.hover import Hover
 from desim_uav.policies.planning.best_plan import LOST, free_steps, plan_of, values_of
 from desim_uav.policies.planning.cover import covered_shares
 from desim_uav.policies.planning.future import imagined
-from desim_uav.policies.planning.ground import ground_of
+from desim_uav.policies.planning.ground import grounds_of
 from desim_uav.policies.planning.sight import look
 from desim_uav.policies.planning.team import Habits, TeamPlanner
 from desim_uav.policies.rollout import Rollout
@@ -106,13 +106,13 @@ def test_what_waits_for_no_link_does_not_count():
     )
     engine = make_engine("des", world, RunSettings((True, True), False))
     shown = engine.reset(draw(world, 0, 0))
-    ground = ground_of(world)
+    grounds = grounds_of(world)
     for number, (line, site) in enumerate(((COMPUTING, 0), (SHARING, 1), (NOWHERE, -1))):
         user, task = engine.state.users[number], engine.state.tasks[number]
         user.request.number, user.request.line, task.site = number, line, site
-    sight = look(engine, ground, shown.observations)
+    sight = look(engine, grounds, shown.observations)
     assert (sight.backlog.tolist(), sight.only.tolist()) == ([0, 1, 0], [-1, 1, -1])
-    team = TeamPlanner(ground, sight, Habits(5, 2.0, 5.0, 2))
+    team = TeamPlanner(grounds, sight, Habits(5, 2.0, 5.0, 2))
     assert team._worth_to(0)[0].tolist() == [1, 1, 1]
     assert team._worth_to(1)[0].tolist() == [1, 3, 1]
 
@@ -132,7 +132,7 @@ def test_a_sensor_counts_by_its_age_and_buffer(engine):
     left = list(world.actions).index(Action.LEFT)
     shown = simulation.step([left])  # to the first sensor, whose updates it receives
     shown = simulation.step([list(world.actions).index(Action.HOVER)])
-    sight = look(simulation, ground_of(world), shown.observations)
+    sight = look(simulation, grounds_of(world), shown.observations)
     assert sight.backlog[0] < sight.backlog[1] >= 4
     assert sight.ages.mean() == pytest.approx(1.0)
     assert sight.ages[0] < 0.5 < 1.5 < sight.ages[1]
@@ -173,17 +173,18 @@ def test_the_best_plan_of_a_line_by_hand():
     gained = np.zeros((2, 6, 1, 3))
     gained[:, :, 0, 2] = 0.5
     after = np.array([[0, 1, 2], [1, 2, -1], [-1, 0, 1]])
-    tables = (after, np.zeros(3, np.int64), np.arange(3), np.ones(3, np.int64))
+    ones = np.ones(3, np.int64)
+    tables = (after, np.zeros(3, np.int64), np.arange(3), ones, ones)
     stations, returns = np.array([0, -1, -1]), np.zeros((3, 4), np.int64)
     charge_us, needs = np.array([60, 48, 36, 24, 12, 0]), np.array([1, 2, 3])
     free = free_steps(np.zeros((1, 6), np.int64), 1)
     value, best = values_of(
-        gained, *tables, stations, returns, -1, charge_us, 60, needs, free, (0.0, 0.0), 0
+        gained, *tables, stations, stations, returns, -1, charge_us, 60, needs, free, (0.0, 0.0), 0
     )
     # It charges for a step (to five units), flies to place 2 and at once back, which takes it to
     # place 1 with two units: half a step's gain on the way there and half on the way back.
     assert value[0, 0, 2] == 1.0
-    plan = plan_of(best, after, tables[-1], stations, returns, charge_us, 60, free, (0, 0, 2))
+    plan = plan_of(best, after, ones, ones, stations, returns, charge_us, 60, free, (0, 0, 2))
     assert np.count_nonzero(plan[:, 1] == 2) == 1
     assert value[0, 2, 1] <= LOST, "a unit does not take it home from there"
 
@@ -201,7 +202,7 @@ def test_the_share_of_users_in_a_footprint():
 
 def test_a_ground_knows_the_way_home():
     battery = {"autonomy_min": 10, "return_below": 0.5}
-    ground = ground_of(strip(battery=battery))
+    ground = grounds_of(strip(battery=battery))[0]
     assert ground.needs.tolist() == [5, 4, 3, 2, 1, 2, 3, 4, 5]
     assert ground.full == 10
     assert ground.return_at == 5
@@ -315,7 +316,7 @@ def test_an_imagined_future_goes_on_from_here_and_from_now():
     arrivals_us = future.requests.rows[:, 0]
     assert len(arrivals_us) > 100
     assert 900_000_000 <= arrivals_us.min() < 960_000_000  # as the day goes, not the future
-    assert ground_of(world).spread_m[0] == 0.0
+    assert grounds_of(world)[0].spread_m[0] == 0.0
 
 
 def test_a_rollout_of_hovering_flies_to_the_users():

@@ -78,7 +78,9 @@ def values_of(
     rings: Ints,
     cells: Ints,
     drains: Ints,
+    lasts: Ints,
     station_of: Ints,
+    charges_at: Ints,
     returns: Ints,
     return_at: int,
     charge_us: Ints,
@@ -91,7 +93,8 @@ def values_of(
     """Return the value of each (step, place, units of battery), and the best action there.
 
     Action k < moves is a move, ``moves`` is the return to a station, ``moves`` + 1 the charge. A
-    crash is worth ``LOST``. See ``Ground`` for the tables.
+    crash is worth ``LOST``. In the first half of a move that lasts for several steps, a drone
+    counts as where it has begun. See ``Ground`` for the tables; a step here is a tick there.
     """
     steps = gained.shape[1]
     moves, places = after.shape
@@ -105,12 +108,18 @@ def values_of(
         for p in range(places):
             top, which = value[t, p], best[t, p]
             top[:] = LOST
-            here, station = gained[0, t, rings[p], cells[p]], station_of[p]
+            station = charges_at[p]
             for m in range(moves):
                 q = after[m, p]
                 if q >= 0:
-                    gain = here + gained[1, t, rings[q], cells[q]]
-                    _move(top, which, m, gain, value[t + 1, q], drains[m])
+                    end = min(t + lasts[m], steps)
+                    gain = gained[0, t, rings[p], cells[p]]
+                    for k in range(t + 1, end):
+                        at = p if 2 * (k - t) < lasts[m] else q
+                        gain += gained[1, k - 1, rings[at], cells[at]]
+                        gain += gained[0, k, rings[at], cells[at]]
+                    gain += gained[1, end - 1, rings[q], cells[q]]
+                    _move(top, which, m, gain, value[end, q], drains[m])
             if station >= 0:
                 for b in range(1, full):
                     end = _charged_by(free, station, t, -(-charge_us[b] // step_us))
@@ -130,6 +139,7 @@ def plan_of(
     best: NDArray[np.int8],
     after: Ints,
     drains: Ints,
+    lasts: Ints,
     station_of: Ints,
     returns: Ints,
     charge_us: Ints,
@@ -137,21 +147,24 @@ def plan_of(
     free: Ints,
     start: tuple[int, int, int],
 ) -> Ints:
-    """Return the best plan from (step, place, units): (steps, 2), the action and the place of each.
+    """Return the best plan from (step, place, units): (steps, 3), the action and the place of each.
 
     A step in which the drone does not decide has the action of the step before, and -1 if there is
-    none. A drone that returns or charges is at its station's place.
+    none. A drone that returns or charges is at its station's place. The third number is how many
+    steps of a move are over, whose place is the one where it has begun.
     """
     steps, moves = len(best), len(after)
-    plan = np.full((steps, 2), -1)
+    plan = np.full((steps, 3), -1)
     t, p, b = start
     while t < steps:
         m = best[t, p, b]
         if m < 0:
             break
-        plan[t, 0], plan[t, 1] = m, p
+        plan[t, 0], plan[t, 1], plan[t, 2] = m, p, 0
         if m < moves:
-            t, p, b = t + 1, after[m, p], b - drains[m]
+            for k in range(t, min(t + lasts[m], steps)):
+                plan[k, 0], plan[k, 1], plan[k, 2] = m, p, k - t
+            t, p, b = t + lasts[m], after[m, p], b - drains[m]
             continue
         lands, takes = t, -(-charge_us[b] // step_us)
         if m == moves:
@@ -160,6 +173,6 @@ def plan_of(
             takes = -(-(flight_us % step_us + charge_us[b]) // step_us)
         end = min(_charged_by(free, station_of[p], lands, takes), steps)
         for k in range(t, max(end, t + 1)):
-            plan[k, 0], plan[k, 1] = m, p
+            plan[k, 0], plan[k, 1], plan[k, 2] = m, p, 0
         t, b = max(end, t + 1), len(charge_us) - 1
     return plan

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.compiled.pack import lacking
@@ -81,20 +82,24 @@ def _is_over(engine: Engine) -> bool:
 
 def _charge(engine: Engine) -> float:
     """Return the worth of all batteries, as a share of the QoE3 of an episode until now."""
-    world = engine.world
+    world, share = engine.world, 0.0
     passed_us = int(engine.state.now_us)
     if not world.scenario.limited_battery or not world.stations or passed_us == 0:
         return 0.0
-    lasts_us = world.only_type.capacity * (US / world.only_type.drain_per_s)
-    cycle = world.only_type.full_charge_us / (lasts_us + world.only_type.full_charge_us)
-    charge_us = sum(_charge_of(engine, row) for row in engine.drones)
-    return cycle * charge_us / (len(engine.drones) * passed_us)
+    for number, own in enumerate(world.types):
+        if own.limited:
+            lasts_us = own.capacity * (US / own.drain_per_s)
+            cycle = own.full_charge_us / (lasts_us + own.full_charge_us)
+            rows = [row for row in engine.drones if world.type_numbers[row.index] == number]
+            charge_us = sum(_charge_of(engine, row, own) for row in rows)
+            share += cycle * charge_us / (len(engine.drones) * passed_us)
+    return share
 
 
-def _charge_of(engine: Engine, drone: Any) -> int:
+def _charge_of(engine: Engine, drone: Any, own: DroneType) -> int:
     """Return the time that a drone's battery lasts, less that since its last record in the air."""
-    per_us = engine.world.only_type.drain_per_s / US
+    per_us = own.drain_per_s / US
     if drone.mode in GROUNDED:
-        return int(engine.world.only_type.capacity / per_us)
+        return int(own.capacity / per_us)
     flown_us = int(engine.state.now_us) - drone.since_us if drone.mode in AIRBORNE else 0
     return max(0, int(drone.charge / per_us) - flown_us)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,12 +14,13 @@ from desim_uav.model.rules import DECIDES, IN_QUEUE, US, Mode
 from desim_uav.model.services import COMPUTING
 from desim_uav.model.state import Observation
 from desim_uav.policies.planning.ground import NO_WAY, Ground
+from desim_uav.rules.decide import is_under_way
 
 
 class Standing(NamedTuple):
-    """From when on a drone can be commanded, in steps from now, and where and how full it is then.
+    """From when on a drone can be commanded, in ticks from now, and where and how full it is then.
 
-    Until then it is at its station, if ``station`` is not -1, and occupies a pad there in the steps
+    Until then it is at its station, if ``station`` is not -1, and occupies a pad there in the ticks
     from ``begins`` to ``ready`` - 1. ``place`` and ``units`` are those of ``Ground``.
     """
 
@@ -36,8 +38,8 @@ class PlanningSight(NamedTuple):
     in the buffer of a sensor; a task that is at a processor, or that its user computes, waits for
     none. ``only`` is the drone that alone can serve the user now, as it has the result of its task,
     or -1. ``ages`` are the ages of sensors over the mean age of all sensors, 0 for other users.
-    ``left`` is the number of steps that are left of the episode. ``future_m`` (left, users, 2) are
-    the users' places in the coming steps, which only a clairvoyant has.
+    ``left`` is the number of ticks that are left of the episode. ``future_m`` (left, users, 2) are
+    the users' places in the coming ticks, which only a clairvoyant has.
     """
 
     left: int
@@ -66,12 +68,13 @@ class PlanningSight(NamedTuple):
         return places_m, spread_m
 
 
-def look(engine: Engine, ground: Ground, observations: Any) -> PlanningSight:
-    """Return what a planner sees now."""
+def look(engine: Engine, grounds: Sequence[Ground], observations: Any) -> PlanningSight:
+    """Return what a planner sees now, with the maps of all drones."""
     _, users_m = engine.positions_m()
-    left = ground.world.scenario.episode.steps - observations[0].step
+    left_us = engine.world.horizon_us - int(engine.state.now_us)
+    left = max(1, round(left_us / grounds[0].tick_us))
     places = np.ascontiguousarray(users_m[:, :2])
-    drones = _drones(engine, ground, observations)
+    drones = _drones(engine, grounds, observations)
     return PlanningSight(left, places, *_needs(engine), drones)
 
 
@@ -94,77 +97,56 @@ def _needs(engine: Engine) -> tuple[NDArray[np.float64], NDArray[np.int64], NDAr
     return backlog, only, ages
 
 
-def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing, ...]:
+def _drones(engine: Engine, grounds: Sequence[Ground], observations: Any) -> tuple[Standing, ...]:
     """Return the standings of all drones; those at stations and on their way there come in turn."""
-    rows = engine.entries("drones")
+    rows = engine.drones
     standings: dict[int, Standing] = {}
     landings: list[tuple[int, int, int, float, int]] = []
     places = {drone: k for each in engine.state.stations for k, drone in enumerate(each.queue)}
     for drone, observation in zip(rows, observations, strict=True):
+        ground = grounds[drone.index]
         if observation.mode in DECIDES:
-            standings[drone.index] = _free(ground, drone, observation)
+            standings[drone.index] = _free(engine, ground, drone, observation)
         elif observation.mode is Mode.RETURNING:
-            lands_us, (x, y), charge = _lands(engine, ground, drone, observation)
-            station = _station(ground, x, y)
+            battery_s = observation.battery_s or 0.0
+            lands_us, station, charge = ground.flights.lands_at(engine, drone, battery_s)
             landings.append((lands_us, 0, station, charge, drone.index))
         elif observation.mode in IN_QUEUE:
-            charge = observation.battery_s * ground.world.only_type.drain_per_s
-            station = ground.world.stations.index((drone.x, drone.y))
+            charge = observation.battery_s * ground.flights.own.drain_per_s
+            station = engine.world.stations.index((drone.x, drone.y))
             landings.append((-1, places[drone.index], station, charge, drone.index))
         else:
             standings[drone.index] = Standing(NO_WAY, 0, 0)
-    standings.update(_charges(ground, sorted(landings)))
+    standings.update(_charges(grounds, sorted(landings)))
     return tuple(standings[k] for k in range(len(rows)))
 
 
-def _free(ground: Ground, drone: Any, observation: Observation) -> Standing:
-    """Return the standing of a drone that decides now."""
+def _free(engine: Engine, ground: Ground, drone: Any, observation: Observation) -> Standing:
+    """Return the standing of a drone that decides now or, if it is under way, when it arrives."""
+    under_way = is_under_way(engine.constants, drone)
+    left_us = max(0, int(drone.until_us) - int(engine.state.now_us)) if under_way else 0
+    ready = max(1, round(left_us / ground.tick_us)) if under_way else 0
     charge = ground.charge_unit
     if observation.battery_s is not None:
-        charge = round(observation.battery_s * ground.world.only_type.drain_per_s)
-    level = min(drone.level, ground.world.grid.levels(True) - 1)
-    units = min(charge // ground.charge_unit, ground.full)
-    return Standing(0, ground.number(drone.x, drone.y, level), units)
-
-
-def _lands(
-    engine: Engine, ground: Ground, drone: Any, observation: Observation
-) -> tuple[int, tuple[int, int], float]:
-    """Return when and where a returning drone will land, and its battery then."""
-    world, lands_us = ground.world, 0
-    hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
-    if hop != (0, 0, 0):
-        ends_us = drone.since_us + world.only_type.return_transits[hop].duration_us
-        lands_us += max(0, ends_us - int(engine.state.now_us))
-    x, y = drone.to_x, drone.to_y
-    for dx, dy, up in engine.hops(drone.route, drone.route_end):
-        lands_us += world.only_type.return_transits[int(dx), int(dy), int(up)].duration_us
-        x, y = x + dx, y + dy
-    left = ((observation.battery_s or 0.0) * 1e6 - lands_us) * (world.only_type.drain_per_s / US)
-    return lands_us, (int(x), int(y)), left
-
-
-def _station(ground: Ground, x: int, y: int) -> int:
-    """Return the station on a cell or, if a drone has lost its way there, the nearest one."""
-    away = [abs(x - sx) + abs(y - sy) for sx, sy in ground.world.stations]
-    return away.index(min(away))
+        charge = round((observation.battery_s - left_us / US) * ground.flights.own.drain_per_s)
+    units = max(0, min(charge // ground.charge_unit, ground.full))
+    return Standing(ready, ground.flights.place(drone, bool(under_way)), units)
 
 
 def _charges(
-    ground: Ground, landings: list[tuple[int, int, int, float, int]]
+    grounds: Sequence[Ground], landings: list[tuple[int, int, int, float, int]]
 ) -> dict[int, Standing]:
     """Return the standings of drones that land, given as (time, place, station, battery, drone)."""
-    world, standings = ground.world, {}
+    world, standings = grounds[0].world, {}
     pads = world.scenario.stations.pads
     free_us: list[list[int]] = [[0] * pads for _ in world.stations]
     for lands_us, _, station, charge, drone in landings:
-        takes_us = world.only_type.until_full_us(int(max(charge, 0.0)))
+        ground, own = grounds[drone], grounds[drone].flights.own
+        takes_us = own.until_full_us(int(max(charge, 0.0)))
         pad = free_us[station].index(min(free_us[station]))
         begins_us = max(lands_us, free_us[station][pad], 0)
         free_us[station][pad] = begins_us + takes_us
-        x, y = world.stations[station]
-        begins, ready = begins_us // world.step_us, -(-(begins_us + takes_us) // world.step_us)
-        standings[drone] = Standing(
-            max(ready, 1), ground.number(x, y, 0), ground.full, station, begins
-        )
+        begins, ready = begins_us // ground.tick_us, ground.ticks(begins_us + takes_us)
+        place = ground.flights.station_point(station)
+        standings[drone] = Standing(max(ready, 1), place, ground.full, station, begins)
     return standings

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.commands.given import Command
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation
@@ -27,7 +28,7 @@ SHORTEST = 5
 
 
 class Habits(NamedTuple):
-    """The numbers by which plans are made (see ``Greedy``)."""
+    """The numbers by which plans are made (see ``Greedy``): ``horizon`` in ticks."""
 
     horizon: int
     waiting: float
@@ -36,19 +37,21 @@ class Habits(NamedTuple):
     age: float = 1.0
 
 
-def horizon_of(ground: Ground, habits: Habits) -> int:
-    """Return for how many steps plans are made: fewer than asked for if the scenario is large.
+def horizon_of(grounds: Sequence[Ground], habits: Habits) -> int:
+    """Return for how many ticks plans are made: fewer than asked for if the scenario is large.
 
     Raises PolicyError if it is too large for any.
     """
+    each = {id(ground): ground for ground in grounds}.values()
+    ground = max(each, key=lambda one: len(one.cells) * (one.full + 1))
     places, units = len(ground.cells), ground.full + 1
-    numbers = len(ground.radii_m) * len(ground.centres_m) * ground.radii_m.shape[1]
+    numbers = sum(one.radii_m.size * len(one.centres_m) for one in each)
     most = int(min(MOST_SHARES // numbers, MOST_VALUES // (places * units))) - 1
     if most < min(SHORTEST, habits.horizon):
         raise PolicyError(
-            f"greedy: the scenario is too large: {len(ground.centres_m):,} cells by "
-            f"{ground.radii_m.shape[1]:,} users, and {places:,} places by {units:,} steps of "
-            f"battery; the product must not exceed {MOST_SHARES // SHORTEST:,}"
+            f"greedy: the scenario is too large: {len(ground.centres_m):,} "
+            f"{ground.flights.word} by {ground.radii_m.shape[1]:,} users, and {places:,} places by "
+            f"{units:,} steps of battery; the product must not exceed {MOST_SHARES // SHORTEST:,}"
         )
     return min(habits.horizon, most)
 
@@ -56,22 +59,28 @@ def horizon_of(ground: Ground, habits: Habits) -> int:
 class TeamPlanner:
     """The plans of all drones from one decision epoch on.
 
-    ``plans`` (drones, steps, 2) has the action and the place of each drone and step (see
-    ``best_plan.plan_of``).
+    ``plans`` (drones, ticks, 3) has the action, the place and the age of each drone's action in
+    each tick (see ``best_plan.plan_of``).
     """
 
-    def __init__(self, ground: Ground, sight: PlanningSight, habits: Habits) -> None:
-        self.ground, self.sight = ground, sight
-        world = ground.world
+    def __init__(self, grounds: Sequence[Ground], sight: PlanningSight, habits: Habits) -> None:
+        self.grounds, self.sight = grounds, sight
+        self.world, self.tick_us = grounds[0].world, grounds[0].tick_us
+        world = self.world
         self.goes_on = world.scenario.episode.carry_over
-        self.steps = horizon_of(ground, habits)
+        self.steps = horizon_of(grounds, habits)
         if not self.goes_on:
             self.steps = min(self.steps, sight.left)
         self.worth, self.called = self._worth(habits)
-        expected = sight.expected(ground, self.steps)
-        self.shares = covered_shares(*expected, ground.centres_m, ground.radii_m)
+        expected = sight.expected(grounds[0], self.steps)
+        each = {id(ground): ground for ground in grounds}
+        shares = {
+            key: covered_shares(*expected, ground.centres_m, ground.radii_m)
+            for key, ground in each.items()
+        }
+        self.shares = [shares[id(ground)] for ground in grounds]
         drones, stations = len(sight.drones), max(1, len(world.stations))
-        self.plans = np.full((drones, self.steps, 2), -1)
+        self.plans = np.full((drones, self.steps, 3), -1)
         self.covers = np.zeros((drones, *self.worth.shape))
         self.busy = np.zeros((drones, stations, self.steps), np.int64)
         for d in range(drones):
@@ -83,11 +92,12 @@ class TeamPlanner:
         The second part is what is added because something waits for a link.
         """
         worth = np.ones((self.steps, len(self.sight.users_m)))
-        faded = np.exp(-np.arange(min(self.steps, self.sight.left)) / habits.fade)
+        steps = np.arange(min(self.steps, self.sight.left)) * (self.tick_us / self.world.step_us)
+        faded = np.exp(-steps / habits.fade)
         called = np.zeros_like(worth)
         called[: len(faded)] = habits.waiting * faded[:, None] * self.sight.backlog
         worth[: len(faded)] += habits.age * self.sight.ages
-        world = self.ground.world
+        world = self.world
         links_of_points = world.links[len(world.types) :]
         for links, point in zip(links_of_points, world.scenario.access_points, strict=True):
             away_m = np.hypot(*(self.sight.users_m - np.array(point.at_m)).T)
@@ -102,13 +112,13 @@ class TeamPlanner:
         return worth
 
     def begin_with(self, before: Ints, age: int) -> None:
-        """Begin with plans that were made ``age`` steps ago, as far as drones are still on them."""
+        """Begin with plans that were made ``age`` ticks ago, as far as drones are still on them."""
         for d, standing in enumerate(self.sight.drones):
             if len(before) != len(self.plans) or standing.ready >= self.steps:
                 continue
             rest = before[d, age : age + self.steps]
             now = min(standing.ready, len(rest) - 1)
-            if len(rest) == 0 or rest[now, 0] < 0 or rest[now, 1] != standing.place:
+            if len(rest) == 0 or rest[now, 0] < 0 or rest[now, 1:].tolist() != [standing.place, 0]:
                 continue
             self.plans[d, : len(rest)] = rest
             self._hold(d)
@@ -124,32 +134,42 @@ class TeamPlanner:
 
     def _change(self, drone: int) -> bool:
         """Let a drone take the best plan for what the others leave; return whether it is new."""
-        ground, standing = self.ground, self.sight.drones[drone]
+        ground, standing = self.grounds[drone], self.sight.drones[drone]
         others = np.arange(len(self.plans)) != drone
         left = np.prod(1.0 - self.covers[others], axis=0)
-        gained = gains(self.shares, self._worth_to(drone) * left)
+        gained = gains(self.shares[drone], self._worth_to(drone) * left)
         busy = self.busy[others].sum(axis=0)
         free = free_steps(busy, ground.world.scenario.stations.pads)
-        charge = (ground.station_of, ground.returns)
         _, best = values_of(
             gained,
             ground.after,
             ground.rings,
             ground.cells,
             ground.drains,
-            *charge,
+            ground.lasts,
+            ground.station_of,
+            ground.charges_at,
+            ground.returns,
             ground.return_at,
             ground.charge_us,
-            ground.world.step_us,
-            self._needs(),
+            self.tick_us,
+            self._needs(ground),
             free,
-            self._rates(gained),
+            self._rates(ground, gained),
             standing.ready,
         )
         start = (standing.ready, standing.place, standing.units)
-        step_us = ground.world.step_us
         plan = plan_of(
-            best, ground.after, ground.drains, *charge, ground.charge_us, step_us, free, start
+            best,
+            ground.after,
+            ground.drains,
+            ground.lasts,
+            ground.station_of,
+            ground.returns,
+            ground.charge_us,
+            self.tick_us,
+            free,
+            start,
         )
         changed = not np.array_equal(plan, self.plans[drone])
         self.plans[drone] = plan
@@ -160,51 +180,64 @@ class TeamPlanner:
         """Return how many users are expected to be covered, summed over all steps of the plans."""
         return float((1.0 - np.prod(1.0 - self.covers, axis=0)).sum())
 
-    def _needs(self) -> Ints:
-        """Return the battery that drones need at each place at the end of their plans."""
-        return self.ground.needs if self.goes_on else np.minimum(self.ground.needs, 1)
+    def _needs(self, ground: Ground) -> Ints:
+        """Return the battery that drones need at each place at the end of their plans.
 
-    def _rates(self, gained: Floats) -> tuple[float, float]:
-        """Return the worth of a unit of battery, and of a step of charging, after the plan.
-
-        A drone that gains g per step, flies for F steps and charges for C steps gains g F / (F + C)
-        per step on average. A unit of battery is worth what it gains more than this.
+        If nothing comes after the plans, because the last episode ends, any battery is enough.
         """
-        world, ground = self.ground.world, self.ground
-        if not self.goes_on or not world.scenario.limited_battery or not world.stations:
+        ends = not self.goes_on and self.steps == self.sight.left
+        return np.minimum(ground.needs, 1) if ends else ground.needs
+
+    def _rates(self, ground: Ground, gained: Floats) -> tuple[float, float]:
+        """Return the worth of a unit of battery, and of a tick of charging, after the plan.
+
+        A drone that gains g per tick, flies for F ticks and charges for C ticks gains g F / (F + C)
+        per tick on average. A unit of battery is worth what it gains more than this; it lasts for
+        about a tick.
+        """
+        if not self.goes_on or not ground.limited:
             return 0.0, 0.0
         gain = float(gained.sum(axis=0).max(axis=(1, 2)).mean())
-        takes = ground.charge_us[0] / world.step_us
+        takes = ground.charge_us[0] / self.tick_us
         return gain * takes / (ground.full + takes), gain * ground.full / (ground.full + takes)
 
     def _hold(self, drone: int) -> None:
         """Note which users a drone covers by its plan, and when it occupies a pad."""
-        ground, standing, plan = self.ground, self.sight.drones[drone], self.plans[drone]
+        ground, standing, plan = self.grounds[drone], self.sight.drones[drone], self.plans[drone]
         self.covers[drone], self.busy[drone] = 0.0, 0
         if standing.station >= 0:
             self.busy[drone, standing.station, standing.begins : standing.ready] = 1
         actions, places = plan[:, 0], plan[:, 1]
-        moves = len(ground.actions)
+        moves = len(ground.after)
         flying = np.flatnonzero((actions >= 0) & (actions < moves))
-        at, to = places[flying], ground.after[actions[flying], places[flying]]
-        begin = self.shares[flying, ground.rings[at], ground.cells[at]]
-        end = self.shares[flying + 1, ground.rings[to], ground.cells[to]]
+        here, there = places[flying], ground.after[actions[flying], places[flying]]
+        twice, lasts = 2 * plan[flying, 2], ground.lasts[actions[flying]]
+        at = np.where(twice < lasts, here, there)
+        to = np.where((twice + 2 < lasts) & (flying + 1 < self.steps), here, there)
+        begin = self.shares[drone][flying, ground.rings[at], ground.cells[at]]
+        end = self.shares[drone][flying + 1, ground.rings[to], ground.cells[to]]
         self.covers[drone, flying] = 0.5 * (begin + end)
         landed = np.flatnonzero(actions >= moves)
         self.busy[drone, ground.station_of[places[landed]], landed] = 1
 
 
 def commands_of(
-    ground: Ground,
-    actions: Ints,
+    grounds: Sequence[Ground],
+    engine: Any,
+    plans: Ints,
     observations: Sequence[Observation],
     masks: Sequence[Sequence[bool]],
-) -> list[int]:
-    """Return the commands for one action of a plan per drone, and what is forced otherwise."""
-    all_actions = [*ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
-    commands = []
-    for observation, mask, k in zip(observations, masks, actions.tolist(), strict=True):
-        action = all_actions[k] if k >= 0 and observation.mode in DECIDES else ground.actions[0]
-        forced = list(mask).index(True) if sum(mask) == 1 else -1
-        commands.append(forced if forced >= 0 else ground.world.actions.index(action))
+) -> list[Command]:
+    """Return the commands for what each drone's plan (drones, 3) says, or what is forced."""
+    commands: list[Command] = []
+    for drone, observation, mask in zip(engine.drones, observations, masks, strict=True):
+        ground, (k, place, _) = grounds[drone.index], plans[drone.index].tolist()
+        if sum(mask) == 1:
+            commands.append(list(mask).index(True))
+        elif k < len(ground.after):
+            k, place = (k, place) if k >= 0 and observation.mode in DECIDES else (0, place)
+            commands.append(ground.flights.command(drone, k, int(ground.after[k, place])))
+        else:
+            action = (Action.GOTO_CHARGING_STATION, Action.CHARGE)[k - len(ground.after)]
+            commands.append(ground.world.actions.index(action))
     return commands
