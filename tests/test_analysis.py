@@ -512,7 +512,7 @@ def test_the_leaderboard_makes_what_is_missing_and_no_more(leaderboard, monkeypa
     rows = tmp_path / "rows" / "coverage-small-one-hover" / "rows.csv"
     main()
     page = (tmp_path / "runs" / "leaderboard" / "leaderboard.md").read_text(encoding="utf-8")
-    assert "| hover | -0." in page
+    assert re.search(r"\| hover \| -\d", page)
     assert (tmp_path / "runs" / "leaderboard" / "leaderboard.svg").exists()
     made = rows.stat().st_mtime_ns
     times = (tmp_path / "leaderboard_times.csv").read_text(encoding="utf-8")
