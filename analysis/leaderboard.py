@@ -1,13 +1,12 @@
-"""Make the whole leaderboard: bounds, trainings, submissions, tables and figure.
+"""Make the whole leaderboard: references, bounds, trainings, submissions, tables and figure.
 
     python analysis/leaderboard.py [-j 2] [--missing] [PART]
 
-Only what is missing or out of date is made: submissions in analysis/leaderboard, which are kept,
-and the policies that are trained for them, in runs/leaderboard, which are not. With PART only those
-submissions are made whose folder's name contains it; with --missing they are only listed. The
-tables and the performance profile are then made of all submissions that are there. This calls
-leaderboard_ppo.py for the networks, which are left out if they are missing and PyTorch is not
-installed.
+Only what is missing or out of date is made: submissions in analysis/leaderboard, and the policies
+that are trained for them, in runs/leaderboard. With PART only those submissions are made whose
+folder's name contains it; with --missing they are only listed. The tables and the performance
+profile are then made of all submissions that are there. This calls leaderboard_ppo.py for the
+networks, which are left out if they are missing and PyTorch is not installed.
 
 The processor time of each training and of each submission is kept in leaderboard_times.csv. At the
 end that of this call and the sum of all that are kept are printed.
@@ -26,10 +25,10 @@ from pathlib import Path
 
 import leaderboard_ppo
 import leaderboard_times
-from bench_bounds import complete
 
 import desim_uav as du
 from desim_uav.errors import PolicyError
+from desim_uav.experiment.bench.kept import complete
 from desim_uav.experiment.bench.run import submit
 from desim_uav.experiment.bench.submission import read
 from desim_uav.experiment.bench.tasks import (
@@ -137,7 +136,8 @@ def main() -> None:
         print(*told_missing(asked.part), sep="\n")
         return
     since_s, work = time.perf_counter(), missing(asked.part)
-    complete([task for task in tasks().values() if task in [e.task for e, _ in work]], asked.jobs)
+    chosen = [task for task in tasks().values() if task in [e.task for e, _ in work]]
+    complete(chosen, [*TRACKS.values()], asked.jobs)
     train_all([entry for entry, _ in work], asked.jobs)
     with closing(run_each(make, work, asked.jobs)) as ended:
         for number, spent_s in ended:

@@ -7,7 +7,13 @@ from desim_uav.api.bench import (
     bench_list as bench_list,
 )
 from desim_uav.api.bench import (
+    bench_reveal as bench_reveal,
+)
+from desim_uav.api.bench import (
     bench_run as bench_run,
+)
+from desim_uav.api.bench import (
+    bench_seal as bench_seal,
 )
 from desim_uav.api.bench import (
     bench_verify as bench_verify,

@@ -45,8 +45,10 @@ def test_markdown(text):
     row = {"policy": text, "knows_future": False, "score": None, "information": text}
     row |= dict.fromkeys(("qoe1_percent", "qoe3_percent", "fairness", "decision_ms"))
     row |= dict.fromkeys(("crashes_per_drone_episode", "worst_tenth_qoe1_percent", "j_per_mbit"))
-    row |= {"trainings": None, "seeds": 10}
-    page = board([{"task": "t", "track": "one", "bounded": True, "scored": True, "rows": [row]}])
+    row |= dict.fromkeys(("to_best", "better_than_best", "better_than_reference"))
+    row |= {"trainings": None, "seeds": 10, "all_seeds": 10, "checked": "claimed"}
+    table = {"task": "t", "track": "one", "bounded": True, "scored": True, "measures": []}
+    page = board([table | {"rows": [row]}])
     assert page.count(written) == 2 and page.count("\n") == 5
     assert all(line.isprintable() for line in page.splitlines())
 

@@ -40,6 +40,8 @@ VERBS = {
     "bench run": [du.bench_run],
     "bench verify": [du.bench_verify],
     "bench board": [du.bench_board],
+    "bench seal": [du.bench_seal],
+    "bench reveal": [du.bench_reveal],
 }
 """The Python functions that each command is made of; the first one describes the command."""
 

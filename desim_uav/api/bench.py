@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from desim_uav.experiment.bench.leaderboard import Leaderboard
     from desim_uav.experiment.bench.run import Submitted
 
-SEEDS = 10
-"""The seeds of the protocol (see ``experiment/bench/tasks.py``)."""
+SEEDS = 32
+"""The most seeds of a track (see ``experiment/bench/tasks.py``)."""
 
 
 def bench_list() -> dict[str, Any]:
@@ -34,10 +34,11 @@ def bench_run(
     policy: str | Path | Sequence[str | Path],
     *,
     track: str = "one",
-    seeds: Annotated[int, Within(1, SEEDS)] = SEEDS,
+    seeds: Annotated[int | None, Within(1, SEEDS)] = None,
     name: str | None = None,
     training_steps: Annotated[int | None, Within(1, 10**12)] = None,
     out: str | Path | None = None,
+    revealed: str | Path | None = None,
     jobs: Jobs = 1,
     progress: bool = True,
 ) -> Submitted:
@@ -51,11 +52,13 @@ def bench_run(
             these are the policies of several trainings, which make one submission. In Python, they
             are named as on the command line, too, because the submission records it.
         track: The track: one world, or test worlds in which no policy was trained.
-        seeds: Run only the first N seeds of the protocol; the leaderboard then says so.
+        seeds: Run only the first N seeds of the track, 10 or 32; the leaderboard then says so.
         name: What the leaderboard calls the policy. By default it is the policy's name.
         training_steps: The steps (decision epochs) of a training, at most those that the task
             allows. They are stated in the submission and cannot be checked.
         out: The folder of the submission. By default it is a new one in runs/.
+        revealed: The folder of a sealed set, as `bench reveal` writes it. By default the seeds are
+            those of the public set.
         jobs: The number of seeds that are run at a time. In Python, each is run in a process of its
             own, and a script that asks for more than one must begin its work under
             ``if __name__ == "__main__":``.
@@ -69,20 +72,23 @@ def bench_run(
     parameters = locals()
     from desim_uav.api import arguments
     from desim_uav.experiment.bench.run import check, submit
+    from desim_uav.experiment.bench.sealed import revealed as tracks_of
     from desim_uav.experiment.bench.submission import place_of
     from desim_uav.experiment.bench.tasks import ENGINE, find_task, find_track
     from desim_uav.experiment.command import label_of
     from desim_uav.experiment.progress import progress as shown
 
-    task_, worlds = find_task(task), find_track(track)
+    task_, worlds = find_task(task), find_track(track, tracks_of(_path(revealed)))
     policies = [policy] if isinstance(policy, str | Path) else list(policy)
     if not policies:
         raise UsageError("policy: give at least one")
     names = [str(each) for each in policies]
+    if seeds is not None and seeds > len(worlds.seeds):
+        raise UsageError(f"seeds: {seeds}: track {track} has {len(worlds.seeds)}")
     all_seeds = list(worlds.seeds[:seeds])
     for warning in check(task_, worlds, names, all_seeds, training_steps):
         arguments.warn(warning)
-    place = place_of(task_, worlds, label_of(names[0]), None if out is None else Path(out))
+    place = place_of(task_, worlds, label_of(names[0]), _path(out))
     with shown(progress, len(all_seeds) * len(names), "runs", ENGINE) as advance:
         submission = submit(
             *(task_, worlds, names, place),
@@ -101,7 +107,13 @@ def bench_run(
 
 @verb
 def bench_verify(
-    folder: str | Path, *, decide: bool = False, jobs: Jobs = 1, progress: bool = True
+    folder: str | Path,
+    *,
+    decide: bool = False,
+    receipts: str | Path | None = None,
+    revealed: str | Path | None = None,
+    jobs: Jobs = 1,
+    progress: bool = True,
 ) -> list[str]:
     """Replay a submission bit for bit, and name every difference.
 
@@ -110,21 +122,29 @@ def bench_verify(
 
     Args:
         folder: The submission, as `bench run` writes it.
-        decide: Load the policy as well, and let it decide again. This runs its code.
+        decide: Load the policy as well, and let it decide again, without the future unless it
+            declares to know that. This runs its code.
+        receipts: A file of the referee in which a submission without differences is noted.
+        revealed: The folder of the sealed set on which it was made, as `bench reveal` writes it.
         jobs: The number of seeds that are run at a time. In Python, it is as in ``bench_run``.
         progress: Show the progress, on a terminal or in a notebook.
 
     Raises:
         PolicyError: the folder cannot be read, or a policy cannot be loaded.
     """
+    from desim_uav.experiment.bench.receipts import add_receipt
+    from desim_uav.experiment.bench.sealed import revealed as tracks_of
     from desim_uav.experiment.bench.submission import read
     from desim_uav.experiment.bench.tasks import ENGINE
     from desim_uav.experiment.bench.verify import differences
     from desim_uav.experiment.progress import progress as shown
 
-    submission = read(Path(folder))
+    submission = read(Path(folder), tracks_of(_path(revealed)))
     with shown(progress, len(submission.rows), "runs", ENGINE) as advance:
-        return differences(submission, decide=decide, jobs=jobs, on_run=advance)
+        listed = differences(submission, decide=decide, jobs=jobs, on_run=advance)
+    if receipts is not None and not listed:
+        add_receipt(Path(receipts), submission.folder, decide)
+    return listed
 
 
 @verb
@@ -133,6 +153,8 @@ def bench_board(
     *,
     out: str | Path | None = None,
     figure: str | Path | None = None,
+    receipts: str | Path | None = None,
+    revealed: str | Path | None = None,
 ) -> Leaderboard:
     """Make the leaderboard of submissions, in Markdown. It does not replay them.
 
@@ -143,6 +165,8 @@ def bench_board(
         out: The file for the tables. By default they are printed. In Python, they are not; the
             result has them.
         figure: The file for the performance profiles: .png, .pdf or .svg.
+        receipts: The file in which `bench verify --receipts` has noted what it has verified.
+        revealed: The folder of a sealed set, as `bench reveal` writes it.
 
     Raises:
         PolicyError: a submission cannot be read, two in a task have one name, or there is no
@@ -150,8 +174,71 @@ def bench_board(
         UsageError: a file cannot be written.
     """
     from desim_uav.experiment.bench.leaderboard import Leaderboard
+    from desim_uav.experiment.bench.receipts import read_receipts
+    from desim_uav.experiment.bench.sealed import revealed as tracks_of
     from desim_uav.experiment.bench.submission import read_all
 
-    board = Leaderboard.of(read_all([Path(folder) for folder in folders]))
-    board.save(*(None if file is None else Path(file) for file in (out, figure)))
+    submissions = read_all([Path(folder) for folder in folders], tracks_of(_path(revealed)))
+    checks = {} if receipts is None else read_receipts(Path(receipts))
+    board = Leaderboard.of(submissions, checks)
+    board.save(_path(out), _path(figure))
     return board
+
+
+@verb
+def bench_seal(key: str | Path) -> str:
+    """Seal a set of test worlds, seeds and paths that follow from a secret key.
+
+    In Python, this does what ``desim-uav bench seal`` does, and returns the seal, a hash of the key
+    that can be published.
+
+    Args:
+        key: The file with the key. If there is none, a new one with a random key is written.
+
+    Raises:
+        PolicyError: the file has no key.
+        UsageError: a file cannot be written.
+    """
+    from desim_uav.experiment.bench.sealed import make_key, read_key, seal_of
+
+    file = Path(key)
+    if not file.exists():
+        make_key(file)
+    return seal_of(read_key(file))
+
+
+@verb
+def bench_reveal(
+    key: str | Path,
+    tasks: Sequence[str] = (),
+    *,
+    out: str | Path | None = None,
+    jobs: Jobs = 1,
+) -> Path:
+    """Reveal a sealed set, and compute the references and bounds of its runs.
+
+    In Python, this does what ``desim-uav bench reveal`` does, and returns the folder of the set.
+
+    Args:
+        key: The file with the key of the seal.
+        tasks: The tasks to compute references and bounds for, which takes up to minutes each.
+        out: The folder of the set. By default it is a new one in runs/.
+        jobs: The number of runs that are computed at a time. In Python, it is as in ``bench_run``.
+
+    Raises:
+        PolicyError: the file has no key.
+        UsageError: a task is unknown, or the folder cannot be written.
+    """
+    from desim_uav.experiment.bench.kept import complete
+    from desim_uav.experiment.bench.sealed import read_key, reveal, tracks_of
+    from desim_uav.experiment.bench.tasks import BENCHMARK, find_task
+    from desim_uav.run_folder import RunPlace
+
+    chosen, secret = [find_task(task) for task in tasks], read_key(Path(key))
+    folder = reveal(secret, RunPlace(_path(out), f"{BENCHMARK}-revealed"))
+    complete(chosen, list(tracks_of(secret, folder).values()), jobs)
+    return folder
+
+
+def _path(place: str | Path | None) -> Path | None:
+    return None if place is None else Path(place)

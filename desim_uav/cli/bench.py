@@ -6,7 +6,14 @@ from typing import Any
 
 import typer
 
-from desim_uav.api.bench import bench_board, bench_list, bench_run, bench_verify
+from desim_uav.api.bench import (
+    bench_board,
+    bench_list,
+    bench_reveal,
+    bench_run,
+    bench_seal,
+    bench_verify,
+)
 from desim_uav.cli.ending import complain, end, ended, print_json
 from desim_uav.cli.made import made
 from desim_uav.cli.plain import PlainCommand, PlainGroup
@@ -34,7 +41,7 @@ def list_tasks(arguments: dict[str, Any], as_json: bool) -> None:
     tell()
     for name, track in rules["tracks"].items():
         seeds = track["seeds"]
-        tell(f"track {name}: {track['about']}; seeds {seeds[0]} to {seeds[-1]}")
+        tell(f"track {name}: {track['about']}; {len(seeds)} seeds, {seeds[0]} to {seeds[-1]}")
     budgets = ", ".join(f"{size} {steps:,}" for size, steps in rules["training_steps"].items())
     tell(
         f"per seed: {rules['episodes']} episodes after {rules['warmup']} of warm-up\n"
@@ -83,6 +90,18 @@ def board(arguments: dict[str, Any], as_json: bool) -> None:
             tell(file)
 
 
+@made(bench_seal)
+def seal(arguments: dict[str, Any]) -> None:
+    """Print the seal."""
+    print(bench_seal(**arguments))
+
+
+@made(bench_reveal, NO_PLUGINS)
+def reveal(arguments: dict[str, Any]) -> None:
+    """Print the folder of the set."""
+    tell(bench_reveal(**arguments))
+
+
 app.command("list", cls=PlainCommand)(list_tasks)
-for command in (run, verify, board):
+for command in (run, verify, board, seal, reveal):
     app.command(cls=PlainCommand)(command)

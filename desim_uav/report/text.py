@@ -103,7 +103,6 @@ def print_fork(content: dict[str, Any]) -> None:
 
 BENCHED = (
     looks(("qoe1_percent", "qoe3_percent"))
-    | {"qoe3_at_most_percent": ("at most\nQoE3 %", ".2f")}
     | looks(("crashes_per_drone_episode",))
     | narrow(("fairness", "worst_tenth_qoe1_percent"))
     | {"decision_ms": ("decision\nms", ".2f")}

@@ -2,9 +2,8 @@
 
 They stand in ``_generated``: the commands (from typer), the keys of a scenario (from the JSON
 Schema), the columns of the tables (from ``desim_uav.records``), the measures (from
-``desim_uav.measures.known``), the table of the paper (from
-what ``desim-uav reproduce`` has left in ``analysis/paper``), and the leaderboard of the benchmark
-(from ``analysis/leaderboard``). The pages include them.
+``desim_uav.measures.known``), and the table of the paper (from what ``desim-uav reproduce`` has
+left in ``analysis/paper``). The pages include them.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from typing import Any
 
 import cases
 import commands
-import leaderboard
 import measures
 import paper
 import scenario_keys
@@ -30,8 +28,6 @@ PARTS = {
     "paper_table.md": paper.default_table,
     "paper_preset.md": paper.paper_table,
     "claims.md": paper.claims,
-    "leaderboard.md": leaderboard.markdown,
-    "leaderboard_missing.md": leaderboard.missing,
 }
 
 
@@ -43,7 +39,6 @@ def write(folder: Path) -> None:
         file = folder / name
         if not file.exists() or file.read_text(encoding="utf-8") != text:
             file.write_text(text, encoding="utf-8")
-    leaderboard.write_figures(folder)
 
 
 def setup(app: Any) -> dict[str, bool]:

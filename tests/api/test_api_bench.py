@@ -4,9 +4,7 @@ import pytest
 
 import desim_uav as du
 from desim_uav.errors import PolicyError, UsageError
-from tests.command_line import ROOT
 
-KEPT = ROOT / "analysis" / "leaderboard"
 TASK = "uav-v1/coverage/small"
 
 
@@ -25,7 +23,8 @@ def test_the_tasks():
     ("arguments", "said"),
     [
         ({"policy": []}, "policy: give at least one"),
-        ({"policy": "hover", "seeds": 11}, "seeds: 11: must be a whole number from 1 to 10"),
+        ({"policy": "hover", "seeds": 33}, "seeds: 33: must be a whole number from 1 to 32"),
+        ({"policy": "hover", "seeds": 11}, "seeds: 11: track one has 10"),
         ({"policy": "hover", "jobs": 0}, "jobs: 0: must be"),
         ({"policy": "hover", "training_steps": 0}, "training_steps: 0: must be"),
         ({"policy": "hover", "training_steps": 10**6 + 1}, "at most 1,000,000"),
@@ -38,19 +37,13 @@ def test_what_is_refused(arguments, said):
         du.bench_run(TASK, **arguments)
 
 
-def test_a_board_of_kept_submissions(tmp_path):
-    kept = [KEPT / f"coverage-medium-one-{name}" for name in ("greedy", "baseline")]
-    found = du.bench_board(kept, out="page.md", figure="profiles.svg")
-    (table,) = found.tables
-    assert [row["policy"] for row in table["rows"]] == ["greedy", "baseline"]
-    assert (tmp_path / "page.md").read_text(encoding="utf-8") == found.markdown()
-    assert "</svg>" in (tmp_path / "profiles.svg").read_text(encoding="utf-8")
+def test_a_board_of_nothing():
     with pytest.raises(PolicyError, match="no such folder"):
         du.bench_board(["nothing"])
 
 
 @pytest.mark.thorough
-def test_a_submission_is_made_verified_and_ranked():
+def test_a_submission_is_made_verified_and_ranked(tmp_path):
     one = du.bench_run(TASK, "baseline", seeds=1, out="base", progress=False)
     two = du.bench_run(TASK, ["hover", "random"], seeds=1, name="both", out="both", progress=False)
     assert one.rows[0]["qoe3_percent"] > two.rows[0]["qoe3_percent"]
@@ -58,5 +51,9 @@ def test_a_submission_is_made_verified_and_ranked():
         f"desim_uav.bench_run('{TASK}', 'baseline', seeds=1, out='base')"
     ]
     assert du.bench_verify(two.folder, decide=True, progress=False) == []
-    (table,) = du.bench_board([one.folder, two.folder]).content()
+    found = du.bench_board([one.folder, two.folder], out="page.md", figure="profiles.svg")
+    (table,) = found.content()
     assert [row["policy"] for row in table["rows"]] == ["baseline", "both"]
+    assert table["rows"][0]["score"]["value"] == 0
+    assert (tmp_path / "page.md").read_text(encoding="utf-8") == found.markdown()
+    assert "</svg>" in (tmp_path / "profiles.svg").read_text(encoding="utf-8")

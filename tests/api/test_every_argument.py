@@ -109,6 +109,22 @@ def submitted(here: Here) -> Path:
     return du.bench_run(**how).folder
 
 
+def key(here: Here) -> Path:
+    file = here.place(".key")
+    du.bench_seal(file)
+    return file
+
+
+def opened(here: Here) -> Path:
+    return du.bench_reveal(key(here), out=here.place())
+
+
+def receipts(here: Here) -> Path:
+    file = here.place(".json")
+    file.write_text('{"verified": {}}', encoding="utf-8")
+    return file
+
+
 @pytest.fixture(scope="module")
 def here(tmp_path_factory):
     found = Here(tmp_path_factory.mktemp("made"))
@@ -314,11 +330,18 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "Sequence of str": ["hover"],
         "Sequence of Path": [Path("hover")],
     },
-    "bench_run.seeds": {"int": 1},
+    "bench_run.seeds": {"int": 1, "NoneType": None},
     "bench_run.name": {"str": "mine", "NoneType": None},
     "bench_run.training_steps": {"int": 10, "NoneType": None},
     "track": {"str": "one"},
     "bench_board.figure": files(".svg"),
+    "bench_verify.receipts": files(".json"),
+    "bench_board.receipts": {"str": lambda here: str(receipts(here)), "Path": receipts}
+    | {"NoneType": None},
+    "revealed": {"str": lambda here: str(opened(here)), "Path": opened, "NoneType": None},
+    "bench_seal.key": {"str": lambda here: str(here.place()), "Path": lambda here: here.place()},
+    "bench_reveal.key": {"str": lambda here: str(key(here)), "Path": key},
+    "bench_reveal.tasks": {"Sequence of str": ()},
     "cases": {"str": "1"},
     "preset": {"str": "default"},
     "load_policy.policy": POLICIES,
@@ -374,6 +397,7 @@ WITH: dict[str, dict[str, Any]] = {
     | {"out": lambda here: here.place()},
     "bench_verify": {"folder": submitted},
     "bench_board": {"folders": lambda here: [submitted(here)]},
+    "bench_reveal": {"key": key, "out": lambda here: here.place()},
     "reproduce": {"cases": "1", "seeds": 1, "episodes": 1, "out": lambda here: here.place()},
 }
 """What else a function is called with, and beside one of its parameters."""
@@ -387,8 +411,10 @@ SELVES: dict[str, Any] = {
     "Done": lambda here: here.swept,
 }
 REFUSED = {
-    ("bench_board", "figure", "str"): "there is no profile",
-    ("bench_board", "figure", "Path"): "there is no profile",
+    ("bench_verify", "revealed", "str"): "see --revealed",
+    ("bench_verify", "revealed", "Path"): "see --revealed",
+    ("bench_board", "revealed", "str"): "see --revealed",
+    ("bench_board", "revealed", "Path"): "see --revealed",
     ("sweep", "address", "str"): "--address needs --backend ray",
 }
 """What is refused although its kind is allowed, and why."""

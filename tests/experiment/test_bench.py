@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,16 +14,25 @@ from desim_uav.errors import PolicyError, ScenarioError
 from desim_uav.experiment.bench import submission
 from desim_uav.experiment.bench import tasks as frozen
 from desim_uav.experiment.bench.board import board, markdown, profile
-from desim_uav.experiment.bench.bounds import CLOSE, compute, has_bound, kept
+from desim_uav.experiment.bench.bounds import compute, has_bound
+from desim_uav.experiment.bench.kept import BOUNDS, REFERENCES, kept
 from desim_uav.experiment.bench.measure import Measured
 from desim_uav.experiment.bench.profile import figure, panels, shares
-from desim_uav.experiment.bench.score import RESAMPLES, interquartile_mean, resampled, score
-from desim_uav.experiment.bench.submission import ROWS, columns_of, read, read_all
+from desim_uav.experiment.bench.score import (
+    QOE,
+    RESAMPLES,
+    Scored,
+    interquartile_mean,
+    paired,
+    resampled,
+    score,
+)
+from desim_uav.experiment.bench.submission import ROWS, columns_of, read
 from desim_uav.experiment.bench.tasks import TRACKS, find_task, tasks
 from desim_uav.experiment.bench.verify import differences
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.shipped import bench_folder, find_table
-from tests.command_line import ROOT, runner
+from tests.command_line import runner
 
 SAME = {
     "coverage/small": "case4",
@@ -76,12 +84,14 @@ def test_no_policy_is_trained_in_the_worlds_of_a_track():
 
 
 @pytest.mark.thorough
-def test_bounds_are_kept_for_runs_of_the_protocol_only():
-    for (task, track, seed), bound in kept().items():
+def test_references_and_bounds_are_kept_for_runs_of_the_protocol_only():
+    references, bounds = (kept(name, bench_folder()) for name in (REFERENCES, BOUNDS))
+    for (task, track, seed, measure), bound in bounds.items():
         assert has_bound(find_task(task), TRACKS[track])
-        assert seed in TRACKS[track].seeds and 0 < bound <= 100
+        assert seed in TRACKS[track].seeds
+        assert 0 < references[task, track, seed, measure] <= bound <= 100
     assert not has_bound(find_task("uav-v1/urban"), TRACKS["one"])
-    assert compute(find_task("uav-v1/urban"), TRACKS["one"], 100) is None
+    assert compute(find_task("uav-v1/urban"), TRACKS["one"], 100) == {}
 
 
 def test_the_list(cli):
@@ -96,7 +106,8 @@ def test_the_list(cli):
     [
         (2, ("run", "uav-v1/covrage", "--policy", "hover"), ["did you mean 'uav-v1/coverage'"]),
         (2, ("run", "uav-v1/rush", "--policy", "hover", "--track", "anny"), ["mean 'any'"]),
-        (2, ("run", "uav-v1/rush", "--policy", "hover", "--seeds", "11"), ["from 1 to 10"]),
+        (2, ("run", "uav-v1/rush", "--policy", "hover", "--seeds", "33"), ["from 1 to 32"]),
+        (2, ("run", "uav-v1/rush", "--policy", "hover", "--seeds", "11"), ["track one has 10"]),
         (4, ("run", "uav-v1/rush", "--policy", "greddy"), ["'greddy'", "mean 'greedy'"]),
         (4, ("verify", "none"), ["none: no such folder"]),
         (4, ("board", "none", "-o", "page.md"), ["none: no such folder"]),
@@ -107,18 +118,49 @@ def test_errors(cli, tmp_path, code, arguments, parts):
     assert not [*tmp_path.iterdir()]
 
 
+def run_of(qoe1, qoe3, crashes=0.0):
+    """The measures of a run that count."""
+    values = {"qoe1_percent": qoe1, "qoe3_percent": qoe3}
+    return values | {"crashes_per_drone_episode": crashes}
+
+
 def test_scores_by_hand():
-    assert score(70.0, 50.0, 90.0) == 0.5
-    assert score(40.0, 50.0, 90.0) == -0.25
-    assert score(50.0, 90.0, 90.0) is None
+    """QoE1 is 100 % at most, QoE3 90 %; a quarter and a half of what is possible are gained."""
+    zero, bound = run_of(80.0, 50.0), {"qoe3_percent": 90.0}
+    assert score(QOE, run_of(85.0, 70.0), zero, bound) == 0.375
+    assert score(QOE, run_of(80.0, 40.0), zero, bound) == -0.125
+    assert score(QOE, run_of(85.0, 70.0, crashes=0.25), zero, bound) == 0.125
+    assert score(QOE, run_of(85.0, 70.0), {}, bound) is None
+    assert score(QOE, run_of(90.0, 95.0), run_of(80.0, 90.0), bound) == 0.5, "QoE3 leaves nothing"
+
+
+def test_a_measure_that_should_be_low_scores_as_well():
+    """The reference has an age of 60 s, and 20 s are proven to be the least."""
+    ages = (Scored("age_s", 0.0),)
+    row = {"age_s": 30.0, "crashes_per_drone_episode": 0.0}
+    assert score(ages, row, {"age_s": 60.0}, {"age_s": 20.0}) == 0.75
+    assert score(ages, row, {"age_s": 60.0}, {}) == 0.5
+
+
+def test_paired_comparisons_by_hand():
+    """On each seed the first policy is better by 0.1, though the seeds differ by far more."""
+    first = paired([[0.1, 0.6, 0.9]], [[0.0, 0.5, 0.8]])
+    assert first.difference.value == pytest.approx(0.1)
+    assert first.difference.low == pytest.approx(0.1) and first.improvement.low == 1.0
+    both = paired([[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.5]])
+    assert both.difference.value == pytest.approx((0.0 + 0.5 + 0.0 - 0.5) / 4)
+    assert both.improvement.value == (0.5 + 1.0 + 0.5 + 0.0) / 4
+    assert paired([[0.5]], [[0.0]]).difference.low is None
 
 
 def test_the_interquartile_mean_by_hand():
-    """Of eight values, two at each end are left out."""
-    found = interquartile_mean([[1, 2, 3, 100], [4, 5, 6, -100]])
+    """Of eight values, two at each end are left out; each task has the same weight."""
+    values = [1, 2, 3, 100, 4, 5, 6, -100]
+    found = interquartile_mean([values])
     assert found.value == (2 + 3 + 4 + 5) / 4
     assert found.low < found.value < found.high
-    assert found == interquartile_mean([[1, 2, 3, 100], [4, 5, 6, -100]])
+    assert found == interquartile_mean([values])
+    assert interquartile_mean([values, [9.5] * 80]).value == (3.5 + 9.5) / 2
     assert interquartile_mean([[2.0, 2.0], [2.0, 2.0]]) == interquartile_mean([[2.0, 2.0]])
     assert interquartile_mean([[5.0]]).low is None
 
@@ -156,35 +198,51 @@ def test_intervals_of_trainings_and_seeds_have_the_variance_of_both():
     assert drawn.mean(axis=1).var() == pytest.approx(expected, rel=0.1)
 
 
-def test_intervals_are_those_of_rliable():
-    """rliable 1.2.0 with 5,000 resamples gave these for 10 seeds in 3 tasks."""
-    values = np.random.default_rng(1).normal(0.5, 0.2, (10, 3)) + np.array([0, 0.3, 0.6])
-    found = interquartile_mean(list(values.T))
-    assert found.value == pytest.approx(0.82471816, abs=1e-8)
-    assert (found.low, found.high) == pytest.approx((0.74940762, 0.88346015), abs=0.003)
+@pytest.fixture
+def zeros(monkeypatch):
+    """References of 50 % in all runs, on some boards other ones by seed, and bounds of 90 %."""
+    from desim_uav.experiment.bench import board as boards
+
+    zeros = {}
+
+    def of(value):
+        return {"qoe1_percent": value, "qoe3_percent": value}
+
+    monkeypatch.setattr(boards, "reference_of", lambda task, track, seed: of(zeros.get(seed, 50.0)))
+    monkeypatch.setattr(boards, "bound_of", lambda *_: of(90.0))
+    return zeros
 
 
-def submitted(name, *qoe3, bound=90.0, future=False, task="uav-v1/coverage"):
-    """A submission with these values of QoE3 for each training, on seeds from 100 on."""
+def submitted(name, *values, future=False, task="uav-v1/coverage", crashes=0.0):
+    """A submission with these values of QoE for each training, on seeds from 100 on."""
     rows = [
-        ROW | {"training": n, "seed": 100 + k, "qoe3_percent": value, "qoe3_at_most_percent": bound}
-        for n, values in enumerate(qoe3)
-        for k, value in enumerate(values)
+        ROW
+        | {"training": n, "seed": 100 + k, "crashes_per_drone_episode": crashes}
+        | {"qoe1_percent": value, "qoe3_percent": value}
+        for n, one in enumerate(values)
+        for k, value in enumerate(one)
     ]
     about = SimpleNamespace(
-        policy=name,
-        policy_sha256="0" if len(qoe3) > 1 else None,
+        trainings=values,
+        is_trained=len(values) > 1,
         training_steps=None,
         name=name,
         knows_future=future,
         information="local",
+        seeds=[100 + k for k in range(len(values[0]))],
     )
     return SimpleNamespace(
-        folder=name, about=about, rows=rows, task=find_task(task), track=TRACKS["one"]
+        folder=name,
+        about=about,
+        rows=rows,
+        commands=[np.array([value]) for one in values for value in one],
+        task=find_task(task),
+        track=TRACKS["one"],
     )
 
 
-def test_the_board_by_hand():
+def test_the_board_by_hand(zeros):
+    zeros[101] = 70.0
     (table,) = board(
         [
             submitted("mine", [70.0, 80.0]),
@@ -197,16 +255,19 @@ def test_the_board_by_hand():
         ("mine", 0.5),
         ("baseline", 0.0),
     ]
+    oracle, mine, baseline = table["rows"]
+    assert mine["to_best"] is None, "it is the best competitor itself"
+    assert (oracle["to_best"].value, oracle["better_than_best"].value) == (0.5, 1.0)
+    assert (baseline["to_best"].value, baseline["better_than_reference"].value) == (-0.5, 0.5)
     page = markdown([table])
     assert "| oracle (knows the future: not a competitor) | 1.000 [1.000, 1.000] |" in page
     assert "| 75.00 [70.00, 80.00] |" in page and "| 2 of 10 |" in page
+    assert "| local | claimed |" in page
 
 
-def test_energy_is_a_column_of_tasks_whose_batteries_hold_it():
+def test_energy_is_a_column_of_tasks_whose_batteries_hold_it(zeros):
     """Two seeds with 2 and 4 J per Mbit; the other policy has served nothing on one of them."""
-    told, quiet = (
-        submitted(name, [70.0, 80.0], bound=None, task="uav-v1/endurance") for name in ("a", "b")
-    )
+    told, quiet = (submitted(name, [70.0, 80.0], task="uav-v1/endurance") for name in ("a", "b"))
     for row, per_mbit in zip([*told.rows, *quiet.rows], [2.0, 4.0, None, 5.0], strict=True):
         row["j_per_mbit"] = per_mbit
     (table,) = board([told, quiet])
@@ -214,12 +275,13 @@ def test_energy_is_a_column_of_tasks_whose_batteries_hold_it():
     assert "| 70.00 | 3.00 | 1.00 |" in markdown([table])
     assert "| 70.00 | - | 1.00 |" in markdown(board([submitted("c", [70.0])]))
     columns = {
-        family: columns_of(1, find_task(f"uav-v1/{family}")) for family in ("endurance", "rush")
+        family: columns_of(find_task(f"uav-v1/{family}")) for family in ("endurance", "rush")
     }
     assert [name for name in columns["endurance"] if name not in columns["rush"]] == ["j_per_mbit"]
 
 
-def test_the_board_counts_trainings_and_seeds():
+def test_the_board_counts_trainings_and_seeds(zeros):
+    zeros[101] = 70.0
     (table,) = board(
         [submitted("learner", [70.0, 80.0], [60.0, 90.0]), submitted("baseline", [50.0, 70.0])]
     )
@@ -228,19 +290,25 @@ def test_the_board_counts_trainings_and_seeds():
     assert (learner["score"].value, learner["trainings"], learner["seeds"]) == (0.5, 2, 2)
     assert baseline["trainings"] is None
     page = markdown([table])
-    assert "| local | 2 of 10 | 2 of 10 |" in page and "| local | - | 2 of 10 |" in page
+    assert "| claimed | 2 of 10 | 2 of 10 |" in page and "| claimed | - | 2 of 10 |" in page
 
 
-def test_a_board_without_the_baseline_or_a_bound_has_no_scores():
-    (table,) = board([submitted("mine", [70.0])])
-    assert table["rows"][0]["score"] is None and "baseline is not among" in markdown([table])
-    (table,) = board(
-        [submitted("mine", [70.0], bound=None), submitted("baseline", [50.0], bound=None)]
-    )
-    assert table["rows"][0]["policy"] == "mine" and "No bound" in markdown([table])
+def test_a_board_without_references_has_no_scores():
+    rush = "uav-v1/rush/large"
+    (table,) = board([submitted("mine", [70.0], task=rush)])
+    assert table["rows"][0]["score"] is None and "no references are kept" in markdown([table])
 
 
-def test_the_board_of_several_tasks_has_first_the_policies_that_are_in_all():
+def test_a_board_without_a_proven_bound_says_so(monkeypatch):
+    from desim_uav.experiment.bench import board as boards
+
+    monkeypatch.setattr(boards, "reference_of", lambda *_: run_of(50.0, 60.0))
+    (table,) = board([submitted("mine", [80.0], task="uav-v1/urban")])
+    assert table["rows"][0]["score"].value == (30 / 50 + 20 / 40) / 2
+    assert "No bound is proven" in markdown([table])
+
+
+def test_the_board_of_several_tasks_has_first_the_policies_that_are_in_all(zeros):
     tasks_of = ("uav-v1/coverage", "uav-v1/rush", "uav-v1/swarm")
     found = [submitted("baseline", [50.0, 50.0], task=task) for task in tasks_of]
     found += [submitted("mine", [70.0, 70.0], task=task) for task in tasks_of]
@@ -274,7 +342,7 @@ def test_the_curve_of_a_profile_by_hand():
     assert [*found] == [1.0, 0.75, 0.5, 0.0]
 
 
-def test_the_figure_has_a_curve_for_each_policy_with_a_score():
+def test_the_figure_has_a_curve_for_each_policy_with_a_score(zeros):
     tables = board([submitted("mine", [60.0, 80.0, 85.0]), submitted("baseline", [50.0] * 3)])
     (panel,) = panels(tables)
     assert panel.title == "Track one: uav-v1/coverage/medium"
@@ -293,7 +361,7 @@ def test_the_figure_has_a_curve_for_each_policy_with_a_score():
     assert [curve.name for curve in panel.curves] == ["oracle*", "baseline"]
 
 
-def test_the_figure_of_several_tasks_is_of_all_together():
+def test_the_figure_of_several_tasks_is_of_all_together(zeros):
     tasks_of = ("uav-v1/coverage", "uav-v1/rush")
     found = [submitted("baseline", [50.0, 50.0], task=task) for task in tasks_of]
     (panel,) = panels(board(found))
@@ -302,68 +370,12 @@ def test_the_figure_of_several_tasks_is_of_all_together():
 
 def test_there_is_no_figure_without_scores():
     with pytest.raises(PolicyError, match="no policy has a score"):
-        figure(board([submitted("mine", [70.0])]))
+        figure(board([submitted("mine", [70.0], task="uav-v1/rush/large")]))
 
 
 def test_two_submissions_of_one_name_are_refused():
     with pytest.raises(PolicyError, match="are called 'mine'"):
         board([submitted("mine", [1.0]), submitted("mine", [2.0])])
-
-
-KEPT = ROOT / "analysis" / "leaderboard"
-
-
-@pytest.fixture(scope="module")
-def submissions():
-    return read_all([KEPT])
-
-
-@pytest.mark.thorough
-def test_the_kept_submissions_are_whole(submissions):
-    tables = board(submissions)
-    assert {table["task"] for table in tables if "task" in table} == {*tasks()}
-    for table in (table for table in tables if "task" in table):
-        assert table["scored"] is has_bound(find_task(table["task"]), TRACKS[table["track"]])
-
-
-def test_no_kept_row_is_above_the_bound_of_its_run(submissions):
-    """Neither the bound that it states, which is the one that is kept, nor that one."""
-    compared = 0
-    for each in submissions:
-        bounded = has_bound(each.task, each.track)
-        for row in each.rows:
-            bound = kept().get((each.task.name, each.track.name, row["seed"]))
-            stated = row["qoe3_at_most_percent"]
-            if not bounded:
-                assert stated is bound is None
-                continue
-            assert stated == pytest.approx(bound, abs=CLOSE), each.folder
-            assert row["qoe3_percent"] <= min(bound, stated), (each.folder, row["seed"])
-            compared += 1
-    assert compared > 1000
-
-
-@pytest.mark.parametrize("task", ["uav-v1/coverage/small", "uav-v1/coverage/medium"])
-@pytest.mark.parametrize("track", TRACKS)
-def test_bounds_of_cases_4_and_5_are_at_most_12_percent_above_the_best(submissions, task, track):
-    """On each seed, of all policies on the leaderboard."""
-    rows = [
-        row
-        for each in submissions
-        if (each.task.name, each.track.name) == (task, track)
-        for row in each.rows
-    ]
-    for seed in TRACKS[track].seeds:
-        best = max(row["qoe3_percent"] for row in rows if row["seed"] == seed)
-        assert best <= kept()[task, track, seed] <= 1.12 * best
-
-
-@pytest.mark.thorough
-def test_a_kept_submission_of_each_task_replays():
-    chosen = {(found.task.name, found.track.name): found for found in read_all([KEPT])}
-    for found in chosen.values():
-        first = replace(found, rows=found.rows[:1], commands=found.commands[:1])
-        assert not differences(first), found.folder
 
 
 @pytest.fixture(scope="module")
@@ -423,8 +435,8 @@ def test_a_network_flies_with_the_observation_that_it_needs(cli, tmp_path):
         policy=network,
         world_seed=0,
         seed=100,
-        episodes=5,
-        warmup=1,
+        episodes=frozen.EPISODES,
+        warmup=frozen.WARMUP,
         engine="batch",
         progress=False,
     )
@@ -468,11 +480,11 @@ def test_a_changed_row_is_refused(cli, folder, tmp_path):
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        (b"100,0,", b"100,0,1,", "a row is too long"),
+        (b"0,100,0,", b"0,100,0,1,", "a row is too long"),
         (b"100,0,", b"hundred,0,", "seed: 'hundred' is not a number"),
         (b"100,0,", b"100,inf,", "world_seed: 'inf' is not a number"),
         (b"101,0,", b"102,0,", "its seeds are not those of manifest.json"),
-        (b"qoe3_percent,", b"qoe4_percent,", "its columns must be seed, world_seed,"),
+        (b"qoe3_percent,", b"qoe4_percent,", "its columns must be training, seed,"),
     ],
 )
 def test_rows_that_cannot_be_read(cli, folder, tmp_path, before, after, said):
@@ -495,10 +507,10 @@ def test_changed_commands_are_refused(cli, folder, tmp_path):
     )
     done = cli("bench", "verify", copy, "--decide")
     assert done.code == 6 and "seed 101: digest" in done.err and "seed 100" not in done.err
-    assert "the policy decides otherwise, first in episode 1, step 5" in done.err
+    assert f"the policy decides otherwise, first in episode {2 - frozen.WARMUP}, step 5" in done.err
     bad = np.zeros((1, 2, 3, 3), np.int8)
     (copy / "commands.npz").write_bytes(pack(stored.about, commands=bad))
-    cli("bench", "verify", copy).failed(4, "commands.npz", "shape (2, 6, 30, 3)")
+    cli("bench", "verify", copy).failed(4, "commands.npz", "shape (2, 20, 30, 3)")
 
 
 @pytest.fixture(scope="module")
@@ -537,7 +549,7 @@ def test_a_submission_of_two_trainings_replays(cli, trained, folder):
     assert (done.code, "all runs replayed" in done.out) == (0, True), done.err
     (table,) = cli("bench", "board", trained, "--json").json
     (row,) = table["rows"]
-    assert (row["trainings"], row["seeds"], row["training_steps"]) == (2, 2, 360_000)
+    assert (row["trainings"], row["seeds"], row["training_steps"]) == (1, 2, 360_000)
 
 
 @pytest.mark.thorough
@@ -558,9 +570,9 @@ def test_a_submission_of_two_trainings_names_the_one_that_differs(cli, trained, 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda about: about | {"format": 1}, "policies: they belong to format 2"),
-        (lambda about: about | {"policies": about["policies"][:1]}, "for each training in turn"),
-        (lambda about: {k: v for k, v in about.items() if k != "policies"}, "only to it"),
+        (lambda about: about | {"trainings": []}, "trainings: "),
+        (lambda about: about | {"trainings": about["trainings"][:1]}, "for each training in turn"),
+        (lambda about: about | {"seal": "0" * 64}, "see --revealed"),
     ],
 )
 def test_trainings_that_do_not_fit_together(cli, trained, tmp_path, change, said):
@@ -629,6 +641,7 @@ def test_a_second_ctrl_c_while_the_seeds_are_written(where, earlier, tmp_path, m
     monkeypatch.setattr(
         *((run, "versions") if where == "versions" else (submission, "write")), disturbed
     )
+    monkeypatch.setattr(run, "_with_decisions", lambda trainings, measured: trainings)
     task = find_task("uav-v1/multi-service")
     done = run.submit(task, TRACKS["one"], "hover", RunPlace(tmp_path, "kept"))
     assert (done.folder, done.interrupted, done.manifest["seeds"]) == (tmp_path, earlier, [100])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -11,31 +11,43 @@ from numpy.typing import ArrayLike
 
 from desim_uav import escaped
 from desim_uav.errors import PolicyError
-from desim_uav.experiment.bench.score import Interval, interquartile_mean, score
+from desim_uav.experiment.bench.bounds import has_bound
+from desim_uav.experiment.bench.kept import bound_of, reference_of
+from desim_uav.experiment.bench.measure import decisions_sha256
+from desim_uav.experiment.bench.receipts import CLAIMED, NO_CHECKS, digest_of
+from desim_uav.experiment.bench.score import (
+    Interval,
+    interquartile_mean,
+    measures_of,
+    paired,
+    score,
+)
 from desim_uav.experiment.bench.submission import Submission
-from desim_uav.experiment.bench.tasks import SEEDS, TRACKS, TRAINING_SEEDS, tasks
+from desim_uav.experiment.bench.tasks import TRACKS, TRAINING_SEEDS, tasks
+from desim_uav.measures.known import KNOWN
 
-REFERENCE = "baseline"
 MEANS = (
     *("crashes_per_drone_episode", "fairness", "worst_tenth_qoe1_percent"),
     *("decision_ms", "j_per_mbit"),
 )
-QUARTILES = ("qoe1_percent", "qoe3_percent")
 PROFILE = (0.0, 0.25, 0.5, 0.75, 0.9)
 """The scores for which the profile of a policy says how many of its runs reach them."""
 
-HEADINGS = (
-    *("Policy", "Score", "QoE1 %", "QoE3 %", "Crashes per drone and episode", "Fairness"),
-    *("Worst tenth of users, QoE1 %", "J per Mbit", "Decision, ms"),
-    *("Uses", "Trainings", "Seeds"),
+BEFORE = ("Policy", "Score", "Less than the best by", "Better than the best", "Better than 0")
+AFTER = (
+    *("Crashes per drone and episode", "Fairness", "Worst tenth of users, QoE1 %"),
+    *("J per Mbit", "Decision, ms", "Uses", "Checked", "Trainings", "Seeds"),
 )
 
 
-def board(submissions: Sequence[Submission]) -> list[dict[str, Any]]:
+def board(
+    submissions: Sequence[Submission], checks: Mapping[str, str] = NO_CHECKS
+) -> list[dict[str, Any]]:
     """Return a table for each task and track of these submissions, and one for several tasks.
 
-    Each row has the measures of a policy; the best score is first. Raises PolicyError if two
-    submissions in a task have the same name.
+    ``checks`` says of the digest of a submission how it was verified (``receipts``). Each row has
+    the measures of a policy; the best score is first. Raises PolicyError if two submissions in a
+    task have the same name.
     """
     tables = []
     for track in TRACKS:
@@ -43,7 +55,7 @@ def board(submissions: Sequence[Submission]) -> list[dict[str, Any]]:
             (name, [s for s in submissions if (s.task.name, s.track.name) == (name, track)])
             for name in tasks()
         ]
-        of_tasks = [_of_task(name, track, those) for name, those in here if those]
+        of_tasks = [_of_task(name, track, those, checks) for name, those in here if those]
         tables += of_tasks
         if len(of_tasks) > 1:
             tables.append(_of_all(track, of_tasks))
@@ -63,7 +75,9 @@ def plain(tables: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _of_task(name: str, track: str, those: Sequence[Submission]) -> dict[str, Any]:
+def _of_task(
+    name: str, track: str, those: Sequence[Submission], checks: Mapping[str, str]
+) -> dict[str, Any]:
     names = [submission.about.name for submission in those]
     for submission in those:
         if names.count(submission.about.name) > 1:
@@ -71,46 +85,83 @@ def _of_task(name: str, track: str, those: Sequence[Submission]) -> dict[str, An
                 f"{submission.folder}: two submissions in {name}, track {track}, are called "
                 f"{submission.about.name!r}; give each a name with `bench run --name`"
             )
-    reference = {
-        row["seed"]: row["qoe3_percent"]
-        for submission in those
-        if submission.about.policy == REFERENCE
-        for row in submission.rows
-    }
-    rows = [_row(submission, reference) for submission in those]
-    bounded = all(r["qoe3_at_most_percent"] is not None for s in those for r in s.rows)
+    rows = sorted((_row(each, checks) for each in those), key=_rank, reverse=True)
+    competitors = [row for row in rows if row["scores"] and not row["knows_future"]]
+    for row in rows:
+        _pair(row, competitors[0] if competitors else None)
+    first = those[0]
     return {
         "task": name,
         "track": track,
-        "scored": bounded and bool(reference),
-        "bounded": bounded,
-        "rows": sorted(rows, key=_rank, reverse=True),
+        "scored": any(row["scores"] for row in rows),
+        "bounded": has_bound(first.task, first.track),
+        "measures": [one.name for one in measures_of(first.task)],
+        "rows": rows,
     }
 
 
-def _row(submission: Submission, reference: dict[int, float]) -> dict[str, Any]:
-    rows, about = submission.rows, submission.about
-    trainings = 1 + max(row["training"] for row in rows)
-    is_trained = bool(about.policy_sha256) or about.training_steps is not None
+def _row(submission: Submission, checks: Mapping[str, str]) -> dict[str, Any]:
+    about, measures = submission.about, measures_of(submission.task)
+    rows, trainings = _distinct(submission)
     scores = [
-        score(row["qoe3_percent"], reference[row["seed"]], row["qoe3_at_most_percent"])
+        score(
+            measures,
+            row,
+            reference_of(submission.task, submission.track, row["seed"]),
+            bound_of(submission.task, submission.track, row["seed"]),
+        )
         for row in rows
-        if row["seed"] in reference and row["qoe3_at_most_percent"] is not None
     ]
-    matrix = _by_training([one for one in scores if one is not None], trainings)
-    whole = None not in scores and len(scores) == len(rows)
+    values = [one for one in scores if one is not None]
+    matrix = _by_training(values, trainings) if len(values) == len(scores) else []
     return {
         "policy": about.name,
         "knows_future": about.knows_future,
         "information": about.information,
-        "trainings": trainings if is_trained else None,
+        "checked": checks.get(digest_of(submission.folder), CLAIMED) if checks else CLAIMED,
+        "trainings": trainings if about.is_trained else None,
         "training_steps": about.training_steps,
         "seeds": len(rows) // trainings,
-        "score": interquartile_mean([matrix]) if whole else None,
+        "all_seeds": len(submission.track.seeds),
+        "listed": about.seeds,
+        "score": interquartile_mean([matrix]) if matrix else None,
         "scores": matrix,
-        **{name: _quartiles(rows, name, trainings) for name in QUARTILES},
+        **{one.name: _quartiles(rows, one.name, trainings) for one in measures},
         **{name: _mean(rows, name) for name in MEANS},
     }
+
+
+def _distinct(submission: Submission) -> tuple[list[Any], int]:
+    """Return the rows of the trainings that decide differently, and how many these are.
+
+    Trainings whose policies gave the same commands in all runs are one training.
+    """
+    digests: dict[str, int] = {}
+    for number in range(len(submission.about.trainings)):
+        runs = zip(submission.rows, submission.commands, strict=True)
+        those = [commands for row, commands in runs if row["training"] == number]
+        digests.setdefault(decisions_sha256(those), number)
+    distinct = {*digests.values()}
+    return [row for row in submission.rows if row["training"] in distinct], len(distinct)
+
+
+def _pair(row: dict[str, Any], best: dict[str, Any] | None) -> None:
+    """Add how a policy compares with the best competitor and with the reference, on equal seeds."""
+    row |= {"to_best": None, "better_than_best": None, "better_than_reference": None}
+    if not row["scores"]:
+        return
+    zeros = np.zeros((1, len(row["scores"][0])))
+    row["better_than_reference"] = paired(row["scores"], zeros).improvement
+    if best is None or best is row:
+        return
+    common = [seed for seed in row["listed"] if seed in best["listed"]]
+    if common:
+        one, other = (
+            np.array(each["scores"])[:, [each["listed"].index(seed) for seed in common]]
+            for each in (row, best)
+        )
+        pairing = paired(one, other)
+        row["to_best"], row["better_than_best"] = pairing.difference, pairing.improvement
 
 
 def _of_all(track: str, of_tasks: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -150,8 +201,7 @@ def profile(strata: Sequence[ArrayLike]) -> dict[str, float]:
 def _rank(row: dict[str, Any]) -> tuple[bool, float]:
     if row["score"] is not None:
         return True, row["score"].value
-    qoe3 = row["qoe3_percent"]
-    return False, -1.0 if qoe3 is None else qoe3.value
+    return False, 0.0
 
 
 def _quartiles(rows: Sequence[Any], name: str, trainings: int) -> Interval | None:
@@ -187,27 +237,34 @@ def _section(table: dict[str, Any]) -> str:
             ),
         )
     heading = f"## `{table['task']}`, track `{table['track']}`\n\n"
-    if not table["bounded"]:
-        heading += "No bound of QoE3 is proven for this task's model, so there are no scores.\n\n"
-    elif not table["scored"]:
-        heading += "There are no scores, because the baseline is not among the submissions.\n\n"
-    return heading + _table(HEADINGS, map(_line, table["rows"]))
+    if not table["scored"]:
+        heading += (
+            "There are no scores, because no references are kept; "
+            f"`python analysis/bench_references.py {table['task']}` computes them.\n\n"
+        )
+    elif not table["bounded"]:
+        heading += "No bound is proven for this task's model, so a score of 1 means 100 %.\n\n"
+    labels = [KNOWN[name].label for name in table["measures"]]
+    lines = (_line(row, table["measures"]) for row in table["rows"])
+    return heading + _table((*BEFORE, *labels, *AFTER), lines)
 
 
-def _line(row: dict[str, Any]) -> list[str]:
+def _line(row: dict[str, Any], measures: Sequence[str]) -> list[str]:
     return [
         _name(row),
         _cell(row["score"], 3),
-        _cell(row["qoe1_percent"], 2),
-        _cell(row["qoe3_percent"], 2),
+        _cell(row["to_best"], 3),
+        *(_cell(row[name], 2) for name in ("better_than_best", "better_than_reference")),
+        *(_cell(row[name], 2) for name in measures),
         _number(row["crashes_per_drone_episode"], 4),
         _number(row["fairness"], 4),
         _number(row["worst_tenth_qoe1_percent"], 2),
         _number(row["j_per_mbit"], 2),
         _number(row["decision_ms"], 2),
         escaped.markdown(row["information"]),
+        row["checked"],
         _of(row["trainings"], TRAINING_SEEDS),
-        _of(row["seeds"], SEEDS),
+        _of(row["seeds"], row["all_seeds"]),
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from desim_uav.disk import file_place, write_at
 from desim_uav.experiment.bench import profile
 from desim_uav.experiment.bench.board import board, markdown, plain
+from desim_uav.experiment.bench.receipts import NO_CHECKS
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.typed import typed
 
@@ -24,12 +25,15 @@ class Leaderboard:
     tables: Sequence[dict[str, Any]]
 
     @classmethod
-    def of(cls, submissions: Sequence[Submission]) -> Leaderboard:
+    def of(
+        cls, submissions: Sequence[Submission], checks: Mapping[str, str] = NO_CHECKS
+    ) -> Leaderboard:
         """Return the leaderboard of submissions.
 
-        Raises PolicyError if two in a task and track have the same name.
+        ``checks`` says of the digest of a submission how it was verified (``receipts``). Raises
+        PolicyError if two in a task and track have the same name.
         """
-        return cls(board(submissions))
+        return cls(board(submissions, checks))
 
     def content(self) -> list[dict[str, Any]]:
         """Return the tables as plain data."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from desim_uav.commands.given import Command
 from desim_uav.engine.episode import Engine
-from desim_uav.experiment.bench.bounds import bound_of
+from desim_uav.experiment.bench.present import Present
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, BenchTrack, Task
 from desim_uav.experiment.evaluate import replicated
 from desim_uav.experiment.run import Results, run
@@ -53,24 +53,37 @@ class Measured:
 
 
 class Recorder:
-    """Lets a policy decide, and notes its commands and its processor time."""
+    """Lets a policy decide, and notes its commands and its processor time.
 
-    def __init__(self, policy: Policy) -> None:
+    A policy that does not declare that it knows the future (``clairvoyant``) is shown the present
+    only (``Present``).
+    """
+
+    def __init__(self, policy: Policy, seed: int) -> None:
         self.policy, self.ceiling = policy, policy.ceiling
         self.observation = getattr(policy, "observation", None)
         self.episodes: list[list[list[Command]]] = []
         self.decisions, self.spent_s = 0, 0.0
+        self._present = None if knows_future(policy) else Present(seed)
+        self._engine: Engine | None = None
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Begin an episode."""
         self.episodes.append([])
+        self._engine = None
+        if self._present is not None:
+            world, streams = self._present.world(world), self._present.streams(streams)
         since_s = time.process_time()
         self._world = world
         self.policy.begin(world, streams, carried)
         self.spent_s += time.process_time() - since_s
 
     def watch(self, engine: Engine) -> None:
-        """Show the policy the engine if it is a planner."""
+        """Show the policy the engine if it is a planner: the true one only if it may look ahead."""
+        if not hasattr(self.policy, "watch"):
+            return
+        if self._present is not None:
+            self._engine, engine = engine, self._present.engine(engine)
         since_s = time.process_time()
         show(self.policy, engine)
         self.spent_s += time.process_time() - since_s
@@ -83,6 +96,8 @@ class Recorder:
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> Sequence[Command]:
         """Return the policy's actions, and note them."""
+        if self._present is not None and self._engine is not None:
+            self._present.engine(self._engine)
         since_s = time.process_time()
         commands = decide_by(self.policy, observations, masks, self._world)
         self.spent_s += time.process_time() - since_s
@@ -124,9 +139,14 @@ class Replayer:
         return command
 
 
+def knows_future(policy: object) -> bool:
+    """Return whether a policy declares that it knows the future."""
+    return bool(getattr(policy, "clairvoyant", False))
+
+
 def measure(task: Task, track: BenchTrack, policy: str, seed: int) -> Measured:
-    """Run a policy on a seed by the protocol, and compute the bound of the run."""
-    recorder = Recorder(load_policy(policy))
+    """Run a policy on a seed by the protocol."""
+    recorder = Recorder(load_policy(policy), seed)
     world, results = _run(task, track, seed, recorder, policy)
     scenario = world.scenario
     row = {
@@ -134,7 +154,6 @@ def measure(task: Task, track: BenchTrack, policy: str, seed: int) -> Measured:
         "world_seed": world.seed,
         **measures(results, scenario),
         "digest": digest(results),
-        "qoe3_at_most_percent": bound_of(task, track, seed),
         "decision_ms": recorder.decision_ms,
     }
     return Measured(row, recorder.commands(scenario.episode.steps, scenario.drone_count))
@@ -143,7 +162,7 @@ def measure(task: Task, track: BenchTrack, policy: str, seed: int) -> Measured:
 def replay(
     task: Task, track: BenchTrack, seed: int, commands: TimedCommands, ceiling: bool
 ) -> dict[str, Any]:
-    """Give the commands of a submission again, and return its row without times and bounds."""
+    """Give the commands of a submission again, and return its row without times."""
     world, results = _run(task, track, seed, Replayer(commands, ceiling), "the submission")
     values = measures(results, world.scenario)
     return {"world_seed": world.seed, **values, "digest": digest(results)}
@@ -169,6 +188,18 @@ def digest(results: Results) -> str:
             values = frame[column].to_numpy(dtype=np.float64, na_value=np.nan)
             sha256.update(f"{name}.{column}:{len(values)};".encode())
             sha256.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
+    return sha256.hexdigest()
+
+
+def decisions_sha256(commands: Sequence[TimedCommands]) -> str:
+    """Return the SHA-256 of what a policy decided in its runs, in the order of the seeds.
+
+    Trainings that decide the same in all runs are one training, whatever their files look like.
+    """
+    sha256 = hashlib.sha256()
+    for each in commands:
+        sha256.update(repr(each.shape).encode())
+        sha256.update(np.ascontiguousarray(each, "<i1").tobytes())
     return sha256.hexdigest()
 
 

@@ -35,8 +35,8 @@ def figure(tables: Sequence[dict[str, Any]]) -> Figure:
     curves = panels(tables)
     if not curves:
         raise PolicyError(
-            "there is no profile, because no policy has a score; scores need the baseline among "
-            "the submissions, and a task with a proven bound"
+            "there is no profile, because no policy has a score; scores need references, which "
+            "`python analysis/bench_references.py` computes"
         )
     return profile_figure(curves)
 

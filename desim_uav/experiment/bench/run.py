@@ -11,7 +11,13 @@ from typing import Any
 
 from desim_uav.errors import UsageError
 from desim_uav.experiment.bench import submission
-from desim_uav.experiment.bench.measure import Measured, measure
+from desim_uav.experiment.bench.measure import (
+    Measured,
+    Recorder,
+    decisions_sha256,
+    knows_future,
+    measure,
+)
 from desim_uav.experiment.bench.tasks import (
     BENCHMARK,
     ENGINE,
@@ -26,10 +32,12 @@ from desim_uav.experiment.interrupt import undisturbed
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.provenance import clock, versions
 from desim_uav.model.observations import information_of
+from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import as_seen, file_of
 from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.schema import Scenario
+from desim_uav.world import build_world
 
 OWN_KNOWLEDGE = {
     "random": "nothing",
@@ -75,9 +83,18 @@ def check(
     for policy in policies:
         load_policy(policy)  # before the engine is loaded, which takes seconds
     about(task, track, policies)
-    scenario, by_name = task.scenario(track), {policy: policy for policy in policies}
-    try_on(scenario, by_name, seeds, ENGINE)
-    return out_of_place(scenario, by_name, seeds)
+    scenario = task.scenario(track)
+    try_on(scenario, {}, seeds, ENGINE)
+    for policy in policies:
+        _begin_once(task, track, policy, seeds[0])
+    return out_of_place(scenario, {policy: policy for policy in policies}, seeds)
+
+
+def _begin_once(task: Task, track: BenchTrack, policy: str, seed: int) -> None:
+    """Let a policy begin in the world of a seed, as in a run. Raises PolicyError if it cannot."""
+    recorder = Recorder(load_policy(policy), seed)
+    world = build_world(as_seen(task.scenario(track), policy), track.world_of(seed))
+    recorder.begin(world, Streams(seed, Purpose.LEARNER))
 
 
 def within_budget(task: Task, training_steps: int | None) -> None:
@@ -118,6 +135,7 @@ def submit(
     with suppress(KeyboardInterrupt), undisturbed():  # what has been flown is written
         manifest = {
             **content,
+            "trainings": _with_decisions(content["trainings"], measured),
             **({} if training_steps is None else {"training_steps": training_steps}),
             "seeds": list({one.row["seed"]: None for one in measured}),
             "interrupted": interrupted,
@@ -147,14 +165,13 @@ def about(
             )
     listed = [{"policy": each, "policy_sha256": policy_sha256(each)} for each in policies]
     return {
-        "format": submission.TRAINED_FORMAT if others else submission.FORMAT,
+        "format": submission.FORMAT,
         "benchmark": BENCHMARK,
         "task": task.name,
         "track": track.name,
+        "seal": track.seal,
         "scenario_hash": task.scenario_hash,
-        "policy": policy,
-        "policy_sha256": policy_sha256(policy),
-        **({"policies": listed} if others else {}),
+        "trainings": listed,
         "name": name or policy,
         **knowledge,
         "engine": ENGINE,
@@ -163,12 +180,27 @@ def about(
     }
 
 
+def _with_decisions(
+    trainings: Sequence[dict[str, Any]], measured: Sequence[Measured]
+) -> list[dict[str, Any]]:
+    """Return the trainings with the digests of what their policies decided."""
+    return [
+        training
+        | {
+            "decisions_sha256": decisions_sha256(
+                [one.commands for one in measured if one.row[submission.TRAINING] == number]
+            )
+        }
+        for number, training in enumerate(trainings)
+    ]
+
+
 def _knowledge(policy: str, scenario: Scenario) -> dict[str, Any]:
     """Return what a policy uses, and how high its drones may fly."""
     loaded = load_policy(policy)
     return {
         "information": information(policy, scenario),
-        "knows_future": bool(getattr(loaded, "clairvoyant", False)),
+        "knows_future": knows_future(loaded),
         "ceiling": loaded.ceiling,
     }
 

@@ -1,16 +1,18 @@
-"""Scores, interquartile means, and their stratified bootstrap intervals.
+"""Scores of runs, and their interquartile means, paired differences and bootstrap intervals.
 
-A score is 0 for what the baseline reaches on the same seed, and 1 for the proven bound of QoE3. The
-interquartile mean and the intervals are those of Agarwal et al., 2021, "Deep Reinforcement Learning
-at the Edge of the Statistical Precipice": runs are drawn again with replacement within each task.
-If several trainings of a policy have flown on the same seeds, both the trainings and the seeds are
+The score of a run is the mean, over the measures of its task, of (value - reference) / (bound -
+reference), less a price for each crash (``score``). The interquartile mean and the intervals are
+those of Agarwal et al., 2021, "Deep Reinforcement Learning at the Edge of the Statistical
+Precipice": runs are drawn again with replacement within each task. Of several tasks the mean of
+their interquartile means is taken, so each has the same weight, however many runs it has. If
+several trainings of a policy have flown on the same seeds, both the trainings and the seeds are
 drawn again, each by itself, and all runs of a drawn training on drawn seeds count (a pigeonhole
 bootstrap: Owen, 2007, "The pigeonhole bootstrap").
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import trim_mean
 
+from desim_uav.experiment.bench.tasks import FAMILIES, Task
 from desim_uav.experiment.statistics import LEVEL
 
 RESAMPLES, SEED = 2000, 0
@@ -32,31 +35,108 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Interval:
-    """An interquartile mean and its interval; ``low`` and ``high`` are None if there is none."""
+    """A value and its interval; ``low`` and ``high`` are None if there is none."""
 
     value: float
     low: float | None
     high: float | None
 
 
-def score(qoe3: float, baseline: float, bound: float) -> float | None:
-    """Return the score of a run; None if the baseline reaches the bound."""
-    return None if bound <= baseline else (qoe3 - baseline) / (bound - baseline)
+@dataclass(frozen=True)
+class Scored:
+    """A measure that counts in the score, and the best value that it can have in any run.
+
+    The best value stands for the bound where none is proven. It is the lowest value if lower ones
+    are better.
+    """
+
+    name: str
+    best: float
+
+
+QOE = (Scored("qoe1_percent", 100.0), Scored("qoe3_percent", 100.0))
+SCORED: Mapping[str, Sequence[Scored]] = dict.fromkeys(FAMILIES, QOE)
+"""The measures that count in the score of a task, by family; each has the same weight."""
+
+CRASHES, PRICE = "crashes_per_drone_episode", 1.0
+"""What one crash per drone and episode costs: as much as lies between reference and bound."""
+
+
+def measures_of(task: Task) -> Sequence[Scored]:
+    """Return the measures that count in the score of a task."""
+    return SCORED[task.family]
+
+
+def score(
+    measures: Sequence[Scored],
+    row: Mapping[str, Any],
+    reference: Mapping[str, float],
+    bound: Mapping[str, float],
+) -> float | None:
+    """Return the score of a run; None without a reference, or if that reaches every bound.
+
+    ``row`` has the measures of the run and its crashes.
+    """
+    parts: list[float] = []
+    for one in measures:
+        zero, most = reference.get(one.name), bound.get(one.name, one.best)
+        if zero is None:
+            return None
+        if zero != most:
+            parts.append((row[one.name] - zero) / (most - zero))
+    if not parts:
+        return None
+    return sum(parts) / len(parts) - PRICE * float(row[CRASHES])
 
 
 def interquartile_mean(strata: Sequence[ArrayLike]) -> Interval:
-    """Return the interquartile mean of all values, which are given task by task.
+    """Return the mean of the interquartile means of some tasks.
 
     The values of a task are an array (trainings, seeds), or (seeds) of a single training. There is
     no interval if a task has fewer than two values.
     """
     arrays = [np.atleast_2d(np.asarray(stratum, dtype=float)) for stratum in strata]
-    value = float(_iqm(np.concatenate([array.ravel() for array in arrays])))
+    value = float(np.mean([_iqm(array.ravel()) for array in arrays]))
     if min(array.size for array in arrays) < 2:
         return Interval(value, None, None)
-    means = _iqm(np.concatenate(resampled(arrays), axis=1))
+    means = np.mean([_iqm(drawn) for drawn in resampled(arrays)], axis=0)
     low, high = np.quantile(means, ENDS)
     return Interval(value, float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """How two policies compare on the same seeds.
+
+    ``difference`` is that of their mean scores, and ``improvement`` the probability that a run of
+    the first has the higher score on the same seed; an equal score counts as one half.
+    """
+
+    difference: Interval
+    improvement: Interval
+
+
+def paired(one: ArrayLike, other: ArrayLike) -> Pairing:
+    """Compare the scores of two policies, arrays (trainings, seeds) of the same seeds.
+
+    The bootstrap draws the same seeds for both, and the trainings of each by itself.
+    """
+    a, b = (np.atleast_2d(np.asarray(each, dtype=float)) for each in (one, other))
+    apart = a[:, None, :] - b[None, :, :]
+    better = (np.sign(apart) + 1.0) / 2.0
+    rng = np.random.default_rng(SEED)
+    seeds, of_a, of_b = (
+        rng.multinomial(many, np.full(many, 1.0 / many), size=RESAMPLES) / many
+        for many in (a.shape[1], *map(len, (a, b)))
+    )
+    few = a.shape[1] < 2
+    both = []
+    for values in (apart, better):
+        value = float(values.mean())
+        drawn = np.einsum("abs,ra,rb,rs->r", values, of_a, of_b, seeds, optimize=True)
+        ends = (None, None) if few else map(float, np.quantile(drawn, ENDS))
+        both.append(Interval(value, *ends))
+    return Pairing(*both)
 
 
 def resampled(arrays: Sequence[Floats], resamples: int = RESAMPLES) -> list[Floats]:

@@ -1,8 +1,7 @@
 """Submissions: the folder with the rows and the commands of a policy in a task of the benchmark.
 
-The policies of several trainings may be in one submission. It is then of format 2: its rows have
-the number of the training, and its manifest lists the policies in this order. A submission of
-format 1 is one of a single policy.
+The policies of several trainings may be in one submission. Its manifest lists them, and each row
+has the number of its training.
 """
 
 from __future__ import annotations
@@ -13,15 +12,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from desim_uav.array_file import Stored, pack
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.bench.measure import NONE, Measured, TimedCommands, replayed
+from desim_uav.experiment.bench.score import CRASHES, measures_of
 from desim_uav.experiment.bench.tasks import (
     BENCHMARK,
     TRACKS,
@@ -34,40 +34,36 @@ from desim_uav.report.json_file import Form, read_json
 from desim_uav.rowcode.regular_file import text_of
 from desim_uav.run_folder import RunPlace
 
-FORMAT, TRAINED_FORMAT = 1, 2
-"""The formats of a submission of one policy, and of the policies of several trainings."""
+FORMAT = 1
 
 MOST_BYTES = 2**24
 ROWS, COMMANDS, MANIFEST = "rows.csv", "commands.npz", "manifest.json"
 TRAINING = "training"
 WHOLE, WORDS = ("seed", "world_seed"), ("digest",)
-LAST = ("qoe3_at_most_percent", "decision_ms")
+LAST = ("decision_ms",)
 
 SubmissionText = Annotated[str, Field(max_length=10_000)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 class OfTraining(Form):
-    """The policy of a training."""
+    """The policy of a training, with the digests of its file and of what it decided."""
 
     policy: SubmissionText
     policy_sha256: SubmissionText | None
+    decisions_sha256: SubmissionText
 
 
 class About(Form):
-    """What a submission says of itself, without its versions and times.
+    """What a submission says of itself, without its versions and times."""
 
-    ``policies`` are those of all trainings; then ``policy`` is the first of them.
-    """
-
-    format: Literal[1, 2]
+    format: Literal[1]
     benchmark: Literal["uav-v1"]
     task: SubmissionText
     track: SubmissionText
+    seal: SubmissionText | None
     scenario_hash: SubmissionText
-    policy: SubmissionText
-    policy_sha256: SubmissionText | None
-    policies: Annotated[list[OfTraining], Field(min_length=1, max_length=100)] | None = None
+    trainings: Annotated[list[OfTraining], Field(min_length=1, max_length=100)]
     training_steps: Seed | None = None
     name: SubmissionText
     information: SubmissionText
@@ -79,16 +75,10 @@ class About(Form):
     seeds: Annotated[list[Seed], Field(min_length=1, max_length=1000)]
     interrupted: bool
 
-    @model_validator(mode="after")
-    def _policies_fit_the_format(self) -> Self:
-        if (self.policies is None) == (self.format == TRAINED_FORMAT):
-            raise ValueError(f"policies: they belong to format {TRAINED_FORMAT}, and only to it")
-        return self
-
     @property
-    def trainings(self) -> Sequence[OfTraining]:
-        """The policies of all trainings; a single policy is its only one."""
-        return self.policies or [OfTraining(policy=self.policy, policy_sha256=self.policy_sha256)]
+    def is_trained(self) -> bool:
+        """Whether its policies come from files, or it states how long they were trained."""
+        return self.training_steps is not None or any(one.policy_sha256 for one in self.trainings)
 
     @property
     def runs(self) -> list[tuple[int, int]]:
@@ -100,7 +90,7 @@ class About(Form):
 class Submission:
     """A submission that was read: what it says of itself, its rows, and the commands of each row.
 
-    Each row has the number of its training, which is 0 if there is only one.
+    Each row has the number of its training.
     """
 
     folder: Path
@@ -118,17 +108,15 @@ def write(place: RunPlace, manifest: dict[str, Any], measured: Sequence[Measured
     with place.draft() as draft:
         draft.write_json(MANIFEST, manifest)
         rows = [one.row for one in measured]
-        columns = columns_of(manifest["format"], find_task(manifest["task"]))
+        columns = columns_of(find_task(manifest["task"]))
         draft.write_text(ROWS, as_csv(rows, columns))
         draft.write_bytes(COMMANDS, pack(form, commands=commands))
         return place.publish(draft)
 
 
-def columns_of(form: int, task: Task) -> tuple[str, ...]:
-    """Return the columns of ``rows.csv`` in a format and task; an empty cell has no value."""
-    measured = replayed(task.scenario(TRACKS["one"]))
-    columns = (*WHOLE, *measured, *WORDS, *LAST)
-    return columns if form == FORMAT else (TRAINING, *columns)
+def columns_of(task: Task) -> tuple[str, ...]:
+    """Return the columns of ``rows.csv`` in a task; an empty cell has no value."""
+    return (TRAINING, *WHOLE, *replayed(task.scenario(TRACKS["one"])), *WORDS, *LAST)
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
@@ -140,8 +128,8 @@ def as_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     return text.getvalue()
 
 
-def read(folder: Path) -> Submission:
-    """Read a submission.
+def read(folder: Path, tracks: Mapping[str, BenchTrack] = TRACKS) -> Submission:
+    """Read a submission on the tracks of the public set, or of one that was sealed.
 
     Raises PolicyError, which names the file, if it is unreadable, has changed since it was written,
     is of another version of the task, or if its files do not fit together.
@@ -150,7 +138,7 @@ def read(folder: Path) -> Submission:
         raise PolicyError(f"{folder}: no such folder of a submission")
     about = About.model_validate(read_json(folder / MANIFEST, About, "a submission's manifest"))
     try:
-        task, track = find_task(about.task), find_track(about.track)
+        task, track = find_task(about.task), find_track(about.track, tracks)
     except UsageError as error:
         raise PolicyError(f"{folder / MANIFEST}: {error}") from error
     if about.scenario_hash != task.scenario_hash:
@@ -158,7 +146,12 @@ def read(folder: Path) -> Submission:
             f"{folder / MANIFEST}: scenario_hash: it is of another version of {task.name}, whose "
             f"hash is {task.scenario_hash}"
         )
-    rows = _read_rows(folder / ROWS, columns_of(about.format, task))
+    if about.seal != track.seal:
+        raise PolicyError(
+            f"{folder / MANIFEST}: seal: it is {about.seal or 'of the public set'}, but the set "
+            f"that is used is {track.seal or 'the public one'}; see --revealed"
+        )
+    rows = _read_rows(folder / ROWS, task)
     if [(row[TRAINING], row["seed"]) for row in rows] != about.runs:
         raise PolicyError(
             f"{folder / ROWS}: its seeds are not those of {MANIFEST}, for each training in turn"
@@ -166,9 +159,11 @@ def read(folder: Path) -> Submission:
     return Submission(folder, about, task, track, rows, _read_commands(folder, about, task))
 
 
-def read_all(folders: Sequence[Path]) -> list[Submission]:
+def read_all(
+    folders: Sequence[Path], tracks: Mapping[str, BenchTrack] = TRACKS
+) -> list[Submission]:
     """Read submissions; a folder of submissions stands for all in it. Raises as ``read`` does."""
-    return [read(each) for folder in folders for each in _submissions(folder)]
+    return [read(each, tracks) for folder in folders for each in _submissions(folder)]
 
 
 def _submissions(folder: Path) -> list[Path]:
@@ -178,24 +173,28 @@ def _submissions(folder: Path) -> list[Path]:
     return sorted(each.parent for each in folder.glob(f"*/{MANIFEST}")) or [folder]
 
 
-def _read_rows(file: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
+def _read_rows(file: Path, task: Task) -> list[dict[str, Any]]:
+    columns, needed = columns_of(task), [CRASHES, *(one.name for one in measures_of(task))]
     try:
         verify(file)
         reader = csv.DictReader(io.StringIO(text_of(file, MOST_BYTES)), strict=True)
         if tuple(reader.fieldnames or ()) != columns:
             raise ValueError(f"its columns must be {', '.join(columns)}")
-        return [{TRAINING: 0} | _values(row, columns) for row in reader]
+        return [_values(row, columns, needed) for row in reader]
     except (OSError, ValueError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or error
         raise PolicyError(f"{file}: not readable rows of a submission: {reason}") from error
 
 
-def _values(row: Mapping[str, str | None], columns: Sequence[str]) -> dict[str, Any]:
+def _values(
+    row: Mapping[str, str | None], columns: Sequence[str], needed: Sequence[str]
+) -> dict[str, Any]:
     if len(row) != len(columns):
         raise ValueError("a row is too long")
     values = {name: _value(name, row[name]) for name in columns}
-    if values["qoe3_percent"] is None:
-        raise ValueError("qoe3_percent: there is no value")
+    for name in needed:
+        if values[name] is None:
+            raise ValueError(f"{name}: there is no value")
     return values
 
 
@@ -217,7 +216,7 @@ def _read_commands(folder: Path, about: About, task: Task) -> list[TimedCommands
     file = folder / COMMANDS
     verify(file)
     stored = Stored(file, "file of commands", ["commands"], FORMAT)
-    scenario = task.scenario(find_track(about.track))
+    scenario = task.scenario(TRACKS[about.track])
     episodes, steps = about.warmup + about.episodes, scenario.episode.steps
     expected = (len(about.runs), episodes, steps, scenario.drone_count)
     form = stored.forms["commands"]

@@ -7,7 +7,7 @@ scenario is refused.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -20,13 +20,19 @@ from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import bench_folder
 
 BENCHMARK = "uav-v1"
+REGISTRY = "registry.json"
+"""The file with the hashes of all scenarios, and of the references and bounds."""
+
 FAMILIES = ("coverage", "multi-service", "rush", "swarm", "urban", "endurance")
 SIZES = ("small", "medium", "large")
 USUAL = "medium"
 """The size of a task whose name has no size."""
 
-EPISODES, WARMUP, SEEDS = 5, 1, 10
-"""The counted episodes of a seed, those of warm-up before them, and the number of seeds."""
+EPISODES, WARMUP = 16, 4
+"""The counted episodes of a seed, and those of warm-up before them."""
+
+SEEDS = {"one": 10, "any": 32}
+"""The number of seeds by track: in track any each has a world of its own."""
 
 ENGINE = "batch"
 TRAINING_SEEDS = 10
@@ -39,12 +45,15 @@ class BenchTrack:
     """Which worlds a policy is evaluated in.
 
     ``seeds`` draw the walks and requests, and the worlds too unless there is a ``world_seed``.
+    ``seal`` and ``folder`` are those of a sealed set that was revealed; the public set has none.
     """
 
     name: str
     world_seed: int | None
     seeds: Sequence[int]
     about: str
+    seal: str | None = None
+    folder: Path | None = None
 
     def world_of(self, seed: int) -> int:
         """Return the world seed of a run on this seed."""
@@ -53,10 +62,10 @@ class BenchTrack:
 
 TRACKS = {
     "one": BenchTrack(
-        "one", 0, range(100, 100 + SEEDS), "world 0, in which policies may be trained"
+        "one", 0, range(100, 100 + SEEDS["one"]), "world 0, in which policies may be trained"
     ),
     "any": BenchTrack(
-        "any", None, WORLDS["test"][:SEEDS], "test worlds, in which none was trained"
+        "any", None, WORLDS["test"][: SEEDS["any"]], "test worlds, in which none was trained"
     ),
 }
 
@@ -99,11 +108,12 @@ class Task:
 @cache
 def tasks() -> dict[str, Task]:
     """Return all tasks by their whole names."""
-    hashes = json.loads((bench_folder() / "registry.json").read_text(encoding="utf-8"))
-    registry = [
+    registry = json.loads((bench_folder() / REGISTRY).read_text(encoding="utf-8"))
+    hashes = registry["scenarios"]
+    listed = [
         Task(family, size, hashes[f"{family}-{size}"]) for family in FAMILIES for size in SIZES
     ]
-    return {task.name: task for task in registry}
+    return {task.name: task for task in listed}
 
 
 def find_task(name: str) -> Task:
@@ -119,14 +129,14 @@ def find_task(name: str) -> Task:
     )
 
 
-def find_track(name: str) -> BenchTrack:
+def find_track(name: str, tracks: Mapping[str, BenchTrack] = TRACKS) -> BenchTrack:
     """Return the track of a name. Raises UsageError."""
-    if name not in TRACKS:
+    if name not in tracks:
         raise UsageError(
-            f"--track {name}: unknown track{did_you_mean(name, TRACKS)}; allowed: "
-            f"{', '.join(TRACKS)}"
+            f"--track {name}: unknown track{did_you_mean(name, tracks)}; allowed: "
+            f"{', '.join(tracks)}"
         )
-    return TRACKS[name]
+    return tracks[name]
 
 
 def protocol() -> dict[str, Any]:

@@ -13,16 +13,17 @@ from typing import Any
 import numpy as np
 
 from desim_uav.errors import DesimError
-from desim_uav.experiment.bench.bounds import CLOSE, bound_of
-from desim_uav.experiment.bench.measure import TimedCommands, measure, replay
+from desim_uav.experiment.bench.kept import bound_of
+from desim_uav.experiment.bench.measure import TimedCommands, decisions_sha256, measure, replay
 from desim_uav.experiment.bench.run import about
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, BenchTrack, Task
 from desim_uav.experiment.processes import run_each
 
 FIXED = {"engine": ENGINE, "episodes": EPISODES, "warmup": WARMUP}
-OF_POLICY = ("policy_sha256", "information", "knows_future", "ceiling")
-BOUND = "qoe3_at_most_percent"
+OF_POLICY = ("information", "knows_future", "ceiling")
+"""What a policy must still declare when it decides again. Its file may be another one: what counts
+is what it decides."""
 
 
 def differences(
@@ -87,12 +88,12 @@ def of_seed(
 
 
 def _of_bound(task: Task, track: BenchTrack, row: Mapping[str, Any]) -> Sequence[str]:
-    bound, value = bound_of(task, track, row["seed"]), row[BOUND]
-    if (bound is None) is not (value is None) or (bound is not None and abs(bound - value) > CLOSE):
-        return [f"{BOUND}: the folder has {_words(value)}, the task {_words(bound)}"]
-    if bound is not None and (row["qoe3_percent"] or 0.0) > bound:
-        return [f"qoe3_percent: {row['qoe3_percent']!r} exceeds the proven bound {bound!r}"]
-    return []
+    """Return the proven bounds that a row exceeds, which shows a defect of one of the two."""
+    return [
+        f"{name}: {row[name]!r} exceeds the proven bound {bound!r}"
+        for name, bound in bound_of(task, track, row["seed"]).items()
+        if row[name] > bound
+    ]
 
 
 def _of_protocol(submission: Submission) -> list[str]:
@@ -108,21 +109,26 @@ def _of_protocol(submission: Submission) -> list[str]:
         lines.append("seeds: one is there twice")
     if (submission.about.training_steps or 0) > STEPS[submission.task.size]:
         lines.append(f"training_steps: more than the {STEPS[submission.task.size]:,} of the task")
+    for number, training in enumerate(submission.about.trainings):
+        runs = zip(submission.rows, submission.commands, strict=True)
+        decided = decisions_sha256([each for row, each in runs if row["training"] == number])
+        if training.decisions_sha256 != decided:
+            lines.append(
+                f"decisions_sha256 of training {number}: the folder has "
+                f"{training.decisions_sha256!r}, the commands {decided!r}"
+            )
     return lines
 
 
 def _of_policy(submission: Submission) -> list[str]:
     lines = []
     for number, training in enumerate(submission.about.trainings):
-        values = {
-            name: getattr(submission.about, name) for name in OF_POLICY
-        } | training.model_dump()
         now = about(submission.task, submission.track, [training.policy])
         lines += [
-            f"{name}{f' of training {number}' if number else ''}: the folder has {values[name]!r}, "
+            f"{name} of training {number}: the folder has {getattr(submission.about, name)!r}, "
             f"the policy now {now[name]!r}"
             for name in OF_POLICY
-            if values[name] != now[name]
+            if getattr(submission.about, name) != now[name]
         ]
     return lines
 

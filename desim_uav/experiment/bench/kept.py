@@ -1,0 +1,132 @@
+"""The references and bounds of the benchmark's runs, which no submission can change.
+
+``references.csv`` has what the reference policy reaches in each run, where scores are 0, and
+``bounds.csv`` the proven bounds, where they are 1. They are beside the tasks, and the registry has
+their hashes, or in the folder of a sealed set that was revealed.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from desim_uav.disk import write_at
+from desim_uav.errors import ScenarioError
+from desim_uav.experiment.bench import bounds
+from desim_uav.experiment.bench.measure import measure
+from desim_uav.experiment.bench.score import measures_of
+from desim_uav.experiment.bench.tasks import REGISTRY, BenchTrack, Task, tasks
+from desim_uav.experiment.processes import run_each
+from desim_uav.shipped import bench_folder
+
+REFERENCES, BOUNDS = "references.csv", "bounds.csv"
+COLUMNS = ("task", "track", "seed", "measure", "value")
+REFERENCE = "baseline"
+"""The policy with the score 0."""
+
+Key = tuple[str, str, int, str]
+"""A task, a track, a seed and a measure."""
+
+
+def reference_of(task: Task, track: BenchTrack, seed: int) -> dict[str, float]:
+    """Return what the reference reaches in a run, by measure; empty if none is kept."""
+    return _of_run(REFERENCES, task, track, seed)
+
+
+def bound_of(task: Task, track: BenchTrack, seed: int) -> dict[str, float]:
+    """Return the proven bounds of a run, by measure; empty if none is kept."""
+    return _of_run(BOUNDS, task, track, seed)
+
+
+def kept(name: str, folder: Path) -> Mapping[Key, float]:
+    """Return all values of a file. Raises ScenarioError if it is not the one of the registry."""
+    return _read(folder / name, _registry(folder)["files"].get(name))
+
+
+def complete(
+    chosen: Sequence[Task], tracks: Sequence[BenchTrack], jobs: int, *, anew: bool = False
+) -> None:
+    """Compute the references and bounds that are not kept, or all ``anew``, and write them."""
+    folder = folder_of(tracks[0])
+    values = {name: dict(kept(name, folder)) for name in (REFERENCES, BOUNDS)}
+    there = {key[:3] for key in values[REFERENCES]}
+    work = [
+        (task, track, seed)
+        for task in chosen
+        for track in tracks
+        for seed in track.seeds
+        if anew or (task.name, track.name, seed) not in there
+    ]
+    left = len(work)
+    with closing(run_each(computed, work, jobs)) as ended:
+        for number, parts in ended:
+            task, track, seed = work[number]
+            for name, part in parts.items():
+                run = (task.name, track.name, seed)
+                values[name] |= {(*run, measure): value for measure, value in part.items()}
+            left -= 1
+            if left % 16 == 0:
+                write(folder, values)
+                print(f"{left} runs are left", file=sys.stderr)
+
+
+def computed(task: Task, track: BenchTrack, seed: int) -> dict[str, dict[str, float]]:
+    """Return the references and bounds of a run, by file and measure."""
+    row = measure(task, track, REFERENCE, seed).row
+    reference = {one.name: row[one.name] for one in measures_of(task)}
+    return {REFERENCES: reference, BOUNDS: bounds.compute(task, track, seed)}
+
+
+def write(folder: Path, values: Mapping[str, Mapping[Key, float]]) -> None:
+    """Write the files in the order of tasks, tracks and seeds, and their hashes."""
+    order, registry = list(tasks()), _registry(folder)
+    for name, those in values.items():
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for key in sorted(those, key=lambda key: (order.index(key[0]), *key[1:])):
+            writer.writerow([*key, repr(those[key])])
+        content = text.getvalue().encode()
+        write_at(folder / name, content)
+        registry["files"][name] = hashlib.sha256(content).hexdigest()
+    write_at(folder / REGISTRY, (json.dumps(registry, indent=1) + "\n").encode())
+    _read.cache_clear()
+
+
+def folder_of(track: BenchTrack) -> Path:
+    """Return the folder with the references and bounds of a track."""
+    return track.folder or bench_folder()
+
+
+def _registry(folder: Path) -> dict[str, Any]:
+    registry: dict[str, Any] = json.loads((folder / REGISTRY).read_text(encoding="utf-8"))
+    return registry
+
+
+def _of_run(name: str, task: Task, track: BenchTrack, seed: int) -> dict[str, float]:
+    values, run = kept(name, folder_of(track)), (task.name, track.name, seed)
+    those = ((one.name, values.get((*run, one.name))) for one in measures_of(task))
+    return {measure: value for measure, value in those if value is not None}
+
+
+@cache
+def _read(file: Path, digest: str | None) -> dict[Key, float]:
+    if digest is None:
+        return {}
+    content = file.read_bytes()
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise ScenarioError(
+            f"{file}: it is frozen and has been changed: its hash is not that in {REGISTRY}"
+        )
+    return {
+        (row["task"], row["track"], int(row["seed"]), row["measure"]): float(row["value"])
+        for row in csv.DictReader(io.StringIO(content.decode()))
+    }

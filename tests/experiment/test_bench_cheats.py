@@ -1,0 +1,300 @@
+"""Each way to cheat in the benchmark is refused, or scored as it deserves."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from desim_uav.engine.choose import make_engine
+from desim_uav.errors import PolicyError, ScenarioError
+from desim_uav.experiment.bench import kept, measure
+from desim_uav.experiment.bench.board import board
+from desim_uav.experiment.bench.present import Present, hidden
+from desim_uav.experiment.bench.score import PRICE, measures_of, score
+from desim_uav.experiment.bench.sealed import revealed, seal_of, tracks_of
+from desim_uav.experiment.bench.submission import read
+from desim_uav.experiment.bench.tasks import SEEDS, TRACKS, find_task
+from desim_uav.experiment.bench.verify import differences
+from desim_uav.experiment.run import run_settings
+from desim_uav.model.geometry.coverage import all_walked
+from desim_uav.model.random.streams import Purpose, Streams
+from desim_uav.policies import load_policy
+from desim_uav.policies.planning.ground import ground_of
+from desim_uav.policies.planning.sight import look
+from desim_uav.sample_path import draw
+from desim_uav.shipped import bench_folder
+from desim_uav.world import build_world
+from tests.command_line import runner
+
+SMALL = "uav-v1/coverage/small"
+
+NEVER_CHARGES = '''
+import numpy as np
+
+from desim_uav.model.rules import MOVES
+
+
+class NeverCharges:
+    """Flies to the cell around which most users have their homes, and stays until it falls."""
+
+    ceiling = True
+
+    def begin(self, world, streams, carried=False):
+        self.world, grid = world, world.grid
+        cells = [(x, y) for x in range(grid.cells[0]) for y in range(grid.cells[1])]
+        left, self.to = np.ones(len(world.homes), bool), []
+        for links in (world.links[number] for number in world.type_numbers):
+            radius = links.rings_m[0, world.groups, 0]
+            near = [
+                left & (np.hypot(*(world.homes[:, :2] - grid.centre(*cell)).T) <= radius)
+                for cell in cells
+            ]
+            best = int(np.argmax([each.sum() for each in near]))
+            self.to.append(cells[best])
+            left &= ~near[best]
+
+    def act(self, observation, mask):
+        (x, y), (to_x, to_y) = observation.cell, self.to[observation.drone]
+        way = np.array([to_x - x, to_y - y])
+        for k, action in enumerate(self.world.actions):
+            dx, dy, _ = MOVES.get(action, (0, 0, 0))
+            if mask[k] and way @ np.array([dx, dy]) > 0:
+                return k
+        return [action.name for action in self.world.actions].index("HOVER")
+'''
+
+PEEPING = """
+from desim_uav.policies.clairvoyant import Clairvoyant
+
+
+class Peeping(Clairvoyant):
+    clairvoyant = False
+    information = "local"
+
+    def __init__(self):
+        super().__init__("tries=0")
+
+
+class Honest(Peeping):
+    clairvoyant = True
+"""
+
+
+@pytest.fixture
+def cli(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    return runner(capsys, monkeypatch)
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Let runs have a single episode, without warm-up."""
+    monkeypatch.setattr(measure, "EPISODES", 1)
+    monkeypatch.setattr(measure, "WARMUP", 0)
+
+
+# ---- crashes
+
+
+@pytest.mark.thorough
+def test_who_never_charges_is_below_the_baseline(tmp_path):
+    """It covers more users than the baseline does, at six crashes per drone and episode."""
+    (tmp_path / "never.py").write_text(NEVER_CHARGES, encoding="utf-8")
+    task, track = find_task("uav-v1/endurance/small"), TRACKS["any"]
+    for seed in track.seeds[:2]:
+        row = measure.measure(task, track, f"{tmp_path / 'never.py'}:NeverCharges", seed).row
+        zero, bound = (of(task, track, seed) for of in (kept.reference_of, kept.bound_of))
+        assert row["qoe3_percent"] > zero["qoe3_percent"]
+        assert row["crashes_per_drone_episode"] > 5
+        paid = score(measures_of(task), row, zero, bound)
+        unpaid = score(measures_of(task), row | {"crashes_per_drone_episode": 0}, zero, bound)
+        assert paid < -4 and unpaid < PRICE, "a crash costs more than all that flying on can gain"
+
+
+# ---- the zero
+
+
+@pytest.mark.thorough
+def test_who_calls_itself_baseline_moves_nothing(cli, tmp_path):
+    for policy in ("hover", "random"):
+        cli("bench", "run", SMALL, "--policy", policy, "--seeds", 1, "--out", policy)
+    (before,) = board([read(tmp_path / "random")])
+    manifest = tmp_path / "hover" / "manifest.json"
+    about = json.loads(manifest.read_text(encoding="utf-8"))
+    about["trainings"][0]["policy"] = about["name"] = "baseline"
+    manifest.write_text(json.dumps(about), encoding="utf-8")
+    (tmp_path / "hover" / "SHA256SUMS").unlink()
+    (after,) = board([read(tmp_path / name) for name in ("hover", "random")])
+    rows = {row["policy"]: row for row in after["rows"]}
+    assert rows["random"]["scores"] == before["rows"][0]["scores"]
+    assert rows["baseline"]["score"].value < 0
+
+
+def test_edited_references_are_refused(tmp_path):
+    shutil.copytree(bench_folder(), tmp_path / "set")
+    file = tmp_path / "set" / kept.REFERENCES
+    kept.kept(kept.REFERENCES, tmp_path / "set")
+    file.write_text(file.read_text(encoding="utf-8").replace(",5", ",4"), encoding="utf-8")
+    kept._read.cache_clear()
+    with pytest.raises(ScenarioError, match="frozen and has been changed"):
+        kept.kept(kept.REFERENCES, tmp_path / "set")
+
+
+def test_references_are_what_the_baseline_reaches():
+    task, track = find_task(SMALL), TRACKS["any"]
+    seed = track.seeds[1]
+    row = measure.measure(task, track, kept.REFERENCE, seed).row
+    assert kept.reference_of(task, track, seed) == {
+        one.name: row[one.name] for one in measures_of(task)
+    }
+
+
+# ---- the future
+
+
+def views(task, seed=3_000_000, steps=7):
+    """An engine in the middle of an episode, and what a policy is shown of it."""
+    scenario = find_task(task).scenario(TRACKS["any"]).model_copy(update={"seed": seed})
+    world, policy = build_world(scenario, seed), load_policy("baseline")
+    engine = make_engine("batch", world, run_settings(world, policy, False))
+    snapshot = engine.reset(draw(world, seed, 0))
+    for _ in range(steps):
+        snapshot = engine.step([0] * scenario.drone_count)
+    return world, engine, Present(seed), snapshot
+
+
+def test_the_engine_that_planners_see_has_another_future():
+    _, engine, present, _ = views("uav-v1/multi-service/small")
+    seen, now_us = present.engine(engine), int(engine.state.now_us)
+    true, shown = engine.drawn.walks, seen.drawn.walks
+    assert (all_walked(*shown, now_us) == all_walked(*true, now_us)).all()
+    assert (all_walked(*shown, now_us // 2) == all_walked(*true, now_us // 2)).all()
+    later = all_walked(*shown, 2 * now_us) != all_walked(*true, 2 * now_us)
+    assert later.any(axis=1).mean() > 0.9
+    asked = {tuple(row) for row in engine.drawn.requests.rows.tolist()}
+    assert not asked & {tuple(row) for row in seen.drawn.requests.rows.tolist()}
+    assert seen.save().path is seen.drawn
+    later_us = [event[1:] for event in seen.save().rows.due if event[1] > now_us]
+    assert later_us != [event[1:] for event in engine.save().rows.due if event[1] > now_us]
+    assert seen.user_states() == engine.user_states()
+    for mine, theirs in zip(seen.positions_m(), engine.positions_m(), strict=True):
+        assert (mine == theirs).all()
+
+
+def test_planners_see_the_present_as_it_is():
+    world, engine, present, snapshot = views("uav-v1/multi-service/small")
+    ground = ground_of(world)
+    true = look(engine, ground, snapshot.observations)
+    shown = look(present.engine(engine), ground, snapshot.observations)
+    for mine, theirs in zip(shown, true, strict=True):
+        assert np.array_equal(mine, theirs) or mine == theirs
+
+
+def test_no_seed_leads_to_the_sample_path():
+    world, engine, present, _ = views("uav-v1/multi-service/small")
+    shown = present.world(world)
+    streams = present.streams(Streams(3_000_000, Purpose.LEARNER, 2))
+    secrets = {world.seed, world.scenario.seed, world.scenario.effective_world_seed}
+    public = {shown.seed, shown.scenario.seed, shown.scenario.world_seed, streams.seed}
+    assert not secrets & public and public == {hidden(3_000_000)}
+    assert (shown.homes == world.homes).all() and streams.episode == 2
+    assert present.engine(engine).world is shown
+    again = draw(shown, shown.seed, 0).walks
+    assert (all_walked(*again, 10**8) != all_walked(*engine.drawn.walks, 10**8)).any()
+
+
+@pytest.mark.thorough
+def test_who_claims_to_see_no_future_sees_none(tmp_path, short):
+    """A subclass of the clairvoyant that declares nothing plans for a future that never comes."""
+    (tmp_path / "peeping.py").write_text(PEEPING, encoding="utf-8")
+    task, track = find_task("uav-v1/multi-service/small"), TRACKS["any"]
+    reached = {}
+    for name in ("Peeping", "Honest", "greedy"):
+        policy = name if name == "greedy" else f"{tmp_path / 'peeping.py'}:{name}"
+        rows = [measure.measure(task, track, policy, seed).row for seed in track.seeds[:3]]
+        reached[name] = np.array([row["qoe3_percent"] for row in rows])
+    assert (reached["Honest"] - reached["Peeping"]).mean() > 1
+    assert reached["Peeping"].mean() < reached["greedy"].mean()
+
+
+# ---- claims, trainings and receipts
+
+
+@pytest.mark.thorough
+def test_a_claim_is_worth_what_was_checked(cli, tmp_path):
+    done = cli("bench", "run", SMALL, "--policy", "case4.npz", "--seeds", 1, "--out", "table")
+    assert done.code == 0, done.err
+
+    def checked():
+        return cli("bench", "board", "table", "--receipts", "seen.json", "--json").json[0]["rows"][
+            0
+        ]["checked"]
+
+    assert cli("bench", "verify", "table", "--receipts", "seen.json").code == 0
+    assert checked() == "replayed"
+    assert cli("bench", "verify", "table", "--decide", "--receipts", "seen.json").code == 0
+    assert checked() == "decided again"
+    manifest = tmp_path / "table" / "manifest.json"
+    about = json.loads(manifest.read_text(encoding="utf-8"))
+    (tmp_path / "table" / "SHA256SUMS").unlink()
+    manifest.write_text(json.dumps(about | {"information": "nothing"}), encoding="utf-8")
+    assert checked() == "claimed"
+    failed = cli("bench", "verify", "table", "--decide", "--receipts", "seen.json")
+    failed.failed(6, "information of training 0: the folder has 'nothing'")
+    about["trainings"][0]["decisions_sha256"] = "0" * 64
+    manifest.write_text(json.dumps(about), encoding="utf-8")
+    (line,) = differences(read(tmp_path / "table"))
+    assert line.startswith("decisions_sha256 of training 0: the folder has '0000")
+
+
+# ---- the sealed set
+
+
+def test_a_seal_tells_nothing_and_a_key_everything(cli, tmp_path):
+    seal = cli("bench", "seal", "--key", "secret.key").out.strip()
+    key = (tmp_path / "secret.key").read_text(encoding="utf-8").strip()
+    assert cli("bench", "seal", "--key", "secret.key").out.strip() == seal == seal_of(key)
+    assert key not in seal and len(seal) == 64
+    cli("bench", "reveal", "--key", "secret.key", "--out", "open")
+    tracks = revealed(tmp_path / "open")
+    assert {name: len(track.seeds) for name, track in tracks.items()} == SEEDS
+    seeds = [seed for track in tracks.values() for seed in track.seeds]
+    assert len({*seeds}) == len(seeds) and min(seeds) > 2**40 and max(seeds) < 2**63
+    assert tracks["one"].world_seed == 0 and {one.seal for one in tracks.values()} == {seal}
+    other = tracks_of(hashlib.sha256(b"").hexdigest(), tmp_path)
+    assert not {*other["any"].seeds} & {*seeds}
+
+
+def test_what_is_no_revealed_set_is_refused(cli, tmp_path):
+    (tmp_path / "short.key").write_text("1234", encoding="utf-8")
+    cli("bench", "seal", "--key", "short.key").failed(4, "short.key: not a key", "64 digits")
+    cli("bench", "reveal", "--key", "none.key").failed(4, "none.key", "cannot be read")
+    cli("bench", "seal", "--key", "secret.key")
+    cli("bench", "reveal", "--key", "secret.key", "--out", "open")
+    file = tmp_path / "open" / "registry.json"
+    content = json.loads(file.read_text(encoding="utf-8"))
+    file.write_text(json.dumps(content | {"key": "0" * 64}), encoding="utf-8")
+    with pytest.raises(PolicyError, match="seal: it is not that of the key"):
+        revealed(tmp_path / "open")
+
+
+@pytest.mark.thorough
+def test_a_competition_on_a_sealed_set(cli, tmp_path, monkeypatch):
+    """Its submissions are not those of the public set, and its references its own."""
+    from desim_uav.experiment.bench import sealed
+
+    few = {name: replace(track, seeds=track.seeds[:1]) for name, track in TRACKS.items()}
+    monkeypatch.setattr(sealed, "TRACKS", few)
+    cli("bench", "seal", "--key", "secret.key")
+    assert cli("bench", "reveal", SMALL, "--key", "secret.key", "--out", "open").code == 0
+    run = ("bench", "run", SMALL, "--policy", "case4.npz", "--track", "any")
+    assert cli(*run, "--revealed", "open", "--out", "table").code == 0
+    assert cli("bench", "verify", "table", "--revealed", "open", "--decide").code == 0
+    (table,) = cli("bench", "board", "table", "--revealed", "open", "--json").json
+    assert table["rows"][0]["score"]["value"] != 0 and table["rows"][0]["all_seeds"] == 1
+    cli("bench", "verify", "table").failed(4, "seal: it is", "--revealed")
