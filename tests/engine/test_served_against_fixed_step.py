@@ -8,8 +8,6 @@ what is left.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
-from typing import Any
 
 import pytest
 
@@ -35,33 +33,38 @@ from tests.verification.served import (
 )
 
 SEEDS = range(24)
+FINER_S = (FINEST_S, FINEST_S / 5, FINEST_S / 25)
+"""The steps at which scenarios have to agree: at the first one, or else at a finer one."""
 
 
 def check_services(seed: int, scenarios: Scenarios) -> None:
-    """Each request and update is off by some steps at most, and so are the sums of them."""
-    case, result = case_of(seed, scenarios), sampled(seed, FINEST_S, scenarios)
+    """The two agree at the finest step, or where they part, they no longer do so at finer ones.
+
+    Two completions within a step may decide who computes or sends first, and much that follows. An
+    engine that does something else than the reference parts from it at every step.
+    """
+    *coarse, last_s = FINER_S
+    if not any(is_close(seed, scenarios, dt_s) for dt_s in coarse):
+        assert is_close(seed, scenarios, last_s)
+
+
+def is_close(seed: int, scenarios: Scenarios, dt_s: float) -> bool:
+    """Whether each request and update is off by some steps at most, and so are the sums of them."""
+    case, result = case_of(seed, scenarios), sampled(seed, dt_s, scenarios)
     asked = len(case.log.requests)
-    assert abs(len(result.requests) - asked) <= 1 + 0.03 * asked
     exact, close = exact_services(case), sampled_services(case, result)
-    assert close["delay_s"] == pytest.approx(exact["delay_s"], rel=0.05, abs=3 * FINEST_S * asked)
-    assert close["age_s"] == pytest.approx(exact["age_s"], rel=0.02, abs=1.0)
+    delay_s = pytest.approx(exact["delay_s"], rel=0.05, abs=3 * dt_s * asked)
+    age_s = pytest.approx(exact["age_s"], rel=0.02, abs=1.0)
+    counted = abs(len(result.requests) - asked) <= 1 + 0.03 * asked
+    return bool(counted and close["delay_s"] == delay_s and close["age_s"] == age_s)
 
 
-def seeds_of(apart: Collection[int]) -> list[Any]:
-    """Seeds as parameters of a test, of which those apart have to fail: it is not known why."""
-    chosen = by_default([2], SEEDS, at_most=6)
-    xfail = pytest.mark.xfail(reason="the two part at the finest step", strict=True)
-    known = [pytest.param(seed, marks=[pytest.mark.thorough, xfail]) for seed in sorted(apart)]
-    values = [getattr(one, "values", (one,))[0] for one in chosen]
-    return [one for one, seed in zip(chosen, values, strict=True) if seed not in apart] + known
-
-
-@pytest.mark.parametrize("seed", seeds_of({3, 12, 17, 18}))
+@pytest.mark.parametrize("seed", by_default([2], SEEDS, at_most=6))
 def test_tasks_agree_at_the_finest_dt(seed: int) -> None:
     check_services(seed, computing_scenario_of)
 
 
-@pytest.mark.parametrize("seed", seeds_of({5, 8, 18}))
+@pytest.mark.parametrize("seed", by_default([2], SEEDS, at_most=6))
 def test_sensors_agree_at_the_finest_dt(seed: int) -> None:
     check_services(seed, sensing_scenario_of)
 

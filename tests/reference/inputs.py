@@ -74,9 +74,11 @@ class Processor:
 class Sensing:
     """How a sensor keeps its updates: up to ``buffer``, and the ``newest``, ``oldest`` or ``last``.
 
-    ``preempt``: with last, the one that is being sent is replaced as well. Drones deliver those
-    ``at_ground`` when they land; others are delivered when they are received. One who takes updates
-    at will waits until an update has been sent for ``wait_us``.
+    ``preempt``: with last, the one that is being sent is replaced as well, and with
+    ``preempts_all`` so are those of all such sensors at the same transmitter. The next to be sent
+    is the first one in the buffer, or the one that was taken last (``sends_last``). Drones deliver
+    those ``at_ground`` when they land; others are delivered when they are received. One who takes
+    updates at will waits until an update has been sent for ``wait_us``.
     """
 
     buffer: int
@@ -84,6 +86,8 @@ class Sensing:
     preempt: bool = False
     at_ground: bool = False
     wait_us: int = 0
+    preempts_all: bool = False
+    sends_last: bool = False
 
 
 @dataclass(frozen=True)

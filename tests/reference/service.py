@@ -293,19 +293,33 @@ class Services:
         """Put an update into a sensor's buffer, which makes room for it."""
         buffer = self.sensors.of[user].buffer
         buffer.append((taken_us, request))
-        begun = bool(self.open[user]) and bool(self.server[user] >= 0 or self.served_us[user] > 0)
-        for k in self.sensors.surplus(user, begun):
-            if k == 0 and self.open[user]:
-                self.close(user, t_us, False)
-                self.sensors.promised.pop(user, None)
-            buffer.pop(k)
-            self.result.dropped += 1
+        for other in self.sensors.rivals(user, self.holder):
+            self._drop(other, 0, t_us)
+        for k in self.sensors.surplus(user, self._is_begun(user)):
+            self._drop(user, k, t_us)
         self._send_next(user)
 
+    def _is_begun(self, user: int) -> bool:
+        """Whether a part of a user's open request has been sent, or is being sent."""
+        return bool(self.open[user]) and bool(self.server[user] >= 0 or self.served_us[user] > 0)
+
+    def _drop(self, user: int, k: int, t_us: int) -> None:
+        """Drop an update of a buffer; the request that is open is for the first one."""
+        if k == 0 and self.open[user]:
+            self.close(user, t_us, False)
+            self.sensors.promised.pop(user, None)
+        self.sensors.of[user].buffer.pop(k)
+        self.result.dropped += 1
+
     def _send_next(self, user: int) -> None:
-        """Open the request of the first update in a buffer."""
+        """Open the request of the update that is sent next, which keeps the time of an open one."""
         buffer = self.sensors.of[user].buffer
-        if buffer and not self.open[user]:
+        if not buffer or self._is_begun(user):
+            return
+        if self.sensors.put_next_first(user) and self.open[user]:
+            self.sensors.promised.pop(user, None)
+            self._open(user, int(self.asked_us[user]), buffer[0][1])
+        elif not self.open[user]:
             self._open(user, *buffer[0])
 
     def unload(self, d: int, t_us: int) -> None:

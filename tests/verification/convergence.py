@@ -301,7 +301,9 @@ def sensing_of(service: dict[str, Any]) -> Sensing:
     return Sensing(
         buffer=service.get("buffer", 10),
         keeps=service.get("keeps", "newest"),
-        preempt=service.get("preempt", False),
+        preempt=bool(service.get("preempt", False)),
+        preempts_all=service.get("preempt", False) == "all",
+        sends_last=service.get("sends", "first") == "last",
         at_ground=service.get("delivered", "drone") == "ground",
         wait_us=round(service["updates"]["wait_s"] * US) if at_will else 0,
     )
