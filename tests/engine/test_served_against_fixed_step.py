@@ -30,6 +30,7 @@ from tests.verification.served import (
     OF_TASKS,
     computing_scenario_of,
     sensing_scenario_of,
+    uplinked_scenario_of,
 )
 
 SEEDS = range(24)
@@ -67,6 +68,11 @@ def test_tasks_agree_at_the_finest_dt(seed: int) -> None:
 @pytest.mark.parametrize("seed", by_default([2], SEEDS, at_most=6))
 def test_sensors_agree_at_the_finest_dt(seed: int) -> None:
     check_services(seed, sensing_scenario_of)
+
+
+@pytest.mark.parametrize("seed", by_default([], SEEDS, at_most=4))
+def test_uploads_in_their_own_bands_agree(seed: int) -> None:
+    check_services(seed, uplinked_scenario_of)
 
 
 @pytest.mark.slow

@@ -318,7 +318,7 @@ def kinds_of(mapping: dict[str, Any], world: World) -> list[str]:
 def request_of(kind: str, due_us: int, one: int, two: int, *more: int) -> Request:
     """What a request of a service of this kind asks for, given the values that it has drawn."""
     if kind in ("transfer", "collect"):
-        return Request(due_us, 0, two, one)
+        return Request(due_us, 0, two, one, up=kind == "collect")
     if kind.endswith(":Exchange"):
         return Request(due_us, 0, 0, one, (Request(0, 0, 0, two),))
     if kind.endswith(":Survey"):
@@ -346,6 +346,7 @@ def task_of(service: dict[str, Any], due_us: int, *drawn: int) -> Request:
         deadline_us=NEVER if deadline_s is None else round(deadline_s * US),
         on_deadline=service.get("on_deadline", "count"),
         restarts=service.get("handover", "resume") == "restart",
+        up=True,
     )
 
 

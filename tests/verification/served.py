@@ -52,6 +52,15 @@ def computing_scenario_of(seed: int) -> dict[str, Any]:
     return mapping
 
 
+def uplinked_scenario_of(seed: int) -> dict[str, Any]:
+    """One of the scenarios of tasks or of sensors, with bands for uploads alone."""
+    mapping = (computing_scenario_of, sensing_scenario_of)[seed % 2](seed // 2)
+    dice = Dice(seed + 2_300_000)
+    for each in [mapping["drones"], *mapping["access_points"]]:
+        each["radio"] = each["radio"] | {"uplink_mhz": dice.of(0.3, 0.3, 1.0, 2.5)}
+    return mapping
+
+
 def sensing_scenario_of(seed: int) -> dict[str, Any]:
     """A random scenario whose last users are sensors.
 
