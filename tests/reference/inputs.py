@@ -208,7 +208,8 @@ class Closed:
     ``passed`` counts the part that a user computes itself as one more stage.
     ``served_us``: the time of service, which is the time with progress of a transfer. It and
     ``delivered_ubit`` are those of all stages. Of its ``stages``, ``passed`` have been done, and
-    ``done`` is the share of the next one.
+    ``done`` is the share of the next one. Processors of transmitters have computed it for
+    ``computing_us``, and that of its user for ``own_us``.
     """
 
     user: int
@@ -220,6 +221,8 @@ class Closed:
     t_request_us: int
     t_end_us: int
     completed: bool
+    computing_us: int = 0
+    own_us: int = 0
 
     @property
     def share(self) -> float:
@@ -233,8 +236,8 @@ class Result:
 
     ``rest``: what each drone has gained between its last decision and the end.
     ``handovers``: how often a user went from one transmitter to another without a time between.
-    ``computing_us``: for how long processors of transmitters computed tasks, and ``own_us`` those
-    of users. ``ages_us``: the mean age of each sensor; ``delivered_us``: when updates were.
+    ``ages_us``: the mean age of each sensor; ``delivered``: the user of each update that was
+    delivered, when it was taken, and when it was delivered.
     """
 
     records: list[list[Record]] = field(default_factory=list)
@@ -246,12 +249,10 @@ class Result:
     crashes: int = 0
     charges: int = 0
     suppressed: int = 0
-    computing_us: int = 0
-    own_us: int = 0
     restarts: int = 0
     late: int = 0
     ages_us: list[float] = field(default_factory=list)
-    delivered_us: list[int] = field(default_factory=list)
+    delivered: list[tuple[int, int, int]] = field(default_factory=list)
     dropped: int = 0
     lost: int = 0
     qoe1: float = 0.0

@@ -133,4 +133,4 @@ class Sensors:
 
     def _deliver(self, user: int, t_us: int, taken_us: int) -> None:
         self.of[user].fall(t_us, taken_us)
-        self.result.delivered_us.append(t_us)
+        self.result.delivered.append((user, taken_us, t_us))

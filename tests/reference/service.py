@@ -50,7 +50,7 @@ class Services:
         self.asked = np.zeros(users, int)
         self.before = np.zeros((users, 3), np.int64)
         self.request: list[Request | None] = [None] * users
-        self.tasks, self.sensors = Tasks(inputs, result), Sensors(inputs, result)
+        self.tasks, self.sensors = Tasks(inputs), Sensors(inputs, result)
         self.holder = np.full(users, -1)
         self.classes = np.zeros((len(self.links), users), int)
         self.running = np.ones(len(self.links), bool)
@@ -86,9 +86,8 @@ class Services:
         for user in np.flatnonzero(self.open & tasks.alone & (tasks.own_left <= 0)):
             self.close(user, t_us, True)
         for user in np.flatnonzero(self.open & (tasks.deadline_us <= t_us)):
-            request = self.request[user]
+            request, begun = self.request[user], tasks.computing_us[user] > 0 or tasks.own[user] > 0
             assert request is not None
-            begun = tasks.computed[user] or tasks.own[user] > 0
             if request.on_deadline == "drop" or (request.on_deadline == "leave" and not begun):
                 self.result.late += 1
                 self.close(user, t_us, False)
@@ -173,6 +172,8 @@ class Services:
             int(self.asked_us[user]),
             t_us,
             completed,
+            int(tasks.computing_us[user]),
+            int(tasks.own_us[user]),
         )
         self.result.requests.append(closed)
         self.open[user] = False
