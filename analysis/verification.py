@@ -57,7 +57,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=about, epilog=rest.partition("\n\n")[2], allow_abbrev=False
     )
-    parser.add_argument("--quick", action="store_true", help="fewer replications: under a minute")
+    parser.add_argument("--quick", action="store_true", help="fewer replications: some two minutes")
     parser.add_argument(
         "--markdown", type=Path, metavar="FILE", help="also write the tables to FILE"
     )

@@ -99,6 +99,17 @@ def test_a_user_computes_alone() -> None:
     assert (row["qoe1"], row["qoe2_iterations"], row["requested_mbit"]) == (1.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("place", "part", "end_us"), [(FAR, 0.4, 3_600_000), (AWAY, 0.0, 6_000_000)]
+)
+def test_users_are_attached_before_the_first_tasks(
+    place: tuple[float, float], part: float, end_us: int
+) -> None:
+    """What is asked for at the start is split as at any other time, if a drone covers the user."""
+    (request,) = log_of(world_of("split", (place,)), {0: [ask(0.0, 6.0)]}).requests
+    assert (request.t_end_us, request.part) == (end_us, part)
+
+
 def test_a_task_is_split_where_both_are_done_at_once() -> None:
     """Alone it takes 6 s, offloaded 6 s to send and 3 s to compute: the part is 6/15.
 

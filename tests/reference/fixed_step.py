@@ -150,7 +150,12 @@ class FixedStep:
         return 2 * ramp_uj + at_speed(flight.speed_mps) * (duration_us - 2 * ramp_s * US)
 
     def _happen(self, t_us: int, xy: np.ndarray) -> None:
-        """The phases of an instant before its step record."""
+        """The phases of an instant before its step record.
+
+        At the start users are attached before they ask for anything.
+        """
+        if t_us == 0:
+            self._serve(t_us, xy)
         self.services.complete(t_us)
         for drone in self.drones:
             self._arrive(drone, t_us)

@@ -30,7 +30,8 @@ class Request:
 
     Of a first stage, ``on_deadline`` says what happens ``deadline_us`` after it was made: it goes
     on (count), is closed (drop), or is closed unless a processor has begun it (leave). If it
-    ``restarts``, a stage that another transmitter goes on with begins anew.
+    ``restarts``, a stage that another transmitter goes on with begins anew. A stage that goes
+    ``up`` is in the band of uploads, where there is one.
     """
 
     due_us: int
@@ -42,6 +43,7 @@ class Request:
     deadline_us: int = NEVER
     on_deadline: str = "count"
     restarts: bool = False
+    up: bool = False
 
     @property
     def amount(self) -> int:
@@ -74,9 +76,11 @@ class Processor:
 class Sensing:
     """How a sensor keeps its updates: up to ``buffer``, and the ``newest``, ``oldest`` or ``last``.
 
-    ``preempt``: with last, the one that is being sent is replaced as well. Drones deliver those
-    ``at_ground`` when they land; others are delivered when they are received. One who takes updates
-    at will waits until an update has been sent for ``wait_us``.
+    ``preempt``: with last, the one that is being sent is replaced as well, and with
+    ``preempts_all`` so are those of all such sensors at the same transmitter. The next to be sent
+    is the first one in the buffer, or the one that was taken last (``sends_last``). Drones deliver
+    those ``at_ground`` when they land; others are delivered when they are received. One who takes
+    updates at will waits until an update has been sent for ``wait_us``.
     """
 
     buffer: int
@@ -84,6 +88,8 @@ class Sensing:
     preempt: bool = False
     at_ground: bool = False
     wait_us: int = 0
+    preempts_all: bool = False
+    sends_last: bool = False
 
 
 @dataclass(frozen=True)
@@ -202,7 +208,8 @@ class Closed:
     ``passed`` counts the part that a user computes itself as one more stage.
     ``served_us``: the time of service, which is the time with progress of a transfer. It and
     ``delivered_ubit`` are those of all stages. Of its ``stages``, ``passed`` have been done, and
-    ``done`` is the share of the next one.
+    ``done`` is the share of the next one. Processors of transmitters have computed it for
+    ``computing_us``, and that of its user for ``own_us``.
     """
 
     user: int
@@ -214,6 +221,8 @@ class Closed:
     t_request_us: int
     t_end_us: int
     completed: bool
+    computing_us: int = 0
+    own_us: int = 0
 
     @property
     def share(self) -> float:
@@ -227,8 +236,8 @@ class Result:
 
     ``rest``: what each drone has gained between its last decision and the end.
     ``handovers``: how often a user went from one transmitter to another without a time between.
-    ``computing_us``: for how long processors of transmitters computed tasks, and ``own_us`` those
-    of users. ``ages_us``: the mean age of each sensor; ``delivered_us``: when updates were.
+    ``ages_us``: the mean age of each sensor; ``delivered``: the user of each update that was
+    delivered, when it was taken, and when it was delivered.
     """
 
     records: list[list[Record]] = field(default_factory=list)
@@ -240,12 +249,10 @@ class Result:
     crashes: int = 0
     charges: int = 0
     suppressed: int = 0
-    computing_us: int = 0
-    own_us: int = 0
     restarts: int = 0
     late: int = 0
     ages_us: list[float] = field(default_factory=list)
-    delivered_us: list[int] = field(default_factory=list)
+    delivered: list[tuple[int, int, int]] = field(default_factory=list)
     dropped: int = 0
     lost: int = 0
     qoe1: float = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.reference.inputs import NEVER, Inputs, Processor, Request, Result
+from tests.reference.inputs import NEVER, Inputs, Processor, Request
 
 
 class Tasks:
@@ -13,11 +13,12 @@ class Tasks:
     ``cycles``: those of its present stage, 0 if this is at a link. ``site``: the transmitter that
     has received it since ``arrived_us``, or -1. A user computes ``own`` of its cycles itself, of
     which ``own_left`` are left, and offloads a ``part``; ``alone``: nothing else is left to do.
-    ``last``: who has served it last. ``computed``: a processor has begun with it.
+    ``last``: who has served it last. ``computing_us``: for how long processors of transmitters have
+    computed it, and ``own_us`` that of the user.
     """
 
-    def __init__(self, inputs: Inputs, result: Result) -> None:
-        self.inputs, self.result = inputs, result
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
         users = len(inputs.legs)
         self.clocks = np.array(inputs.clocks or [0] * users, np.int64)
         self.cycles = np.zeros(users, np.int64)
@@ -29,14 +30,16 @@ class Tasks:
         self.own_left = np.zeros(users, np.int64)
         self.alone = np.zeros(users, bool)
         self.last = np.full(users, -1)
-        self.computed = np.zeros(users, bool)
+        self.computing_us = np.zeros(users, np.int64)
+        self.own_us = np.zeros(users, np.int64)
 
     def forget(self, user: int) -> None:
         """Begin a new request."""
         self.site[user] = self.last[user] = -1
         self.part[user] = 1.0
         self.own[user] = self.own_left[user] = 0
-        self.alone[user] = self.computed[user] = False
+        self.alone[user] = False
+        self.computing_us[user] = self.own_us[user] = 0
 
     def elapse(self, dt_us: int, server: np.ndarray, running: np.ndarray) -> None:
         """Compute for a tick; the processors of the users ``running`` compute."""
@@ -44,9 +47,8 @@ class Tasks:
         served = server >= 0
         self.last[served] = server[served]
         computing = served & (self.cycles > 0)
-        self.computed |= computing
-        self.result.computing_us += int(computing.sum()) * dt_us
-        self.result.own_us += int(running.sum()) * dt_us
+        self.computing_us += computing * dt_us
+        self.own_us += running * dt_us
 
     def own_share(self, user: int) -> float:
         """Which share of its own part a user has computed."""

@@ -32,6 +32,7 @@ class Disc:
     bandwidth_hz: float
     sharing: str = "held"
     backhaul_bps: float = math.inf
+    uplink_hz: int | None = None
 
     @property
     def efficiencies(self) -> tuple[int, ...]:
@@ -57,6 +58,7 @@ class Radio:
     sharing: str = "held"
     reuse: int = 0
     backhaul_bps: float = math.inf
+    uplink_hz: int | None = None
 
     @property
     def efficiencies(self) -> tuple[int, ...]:

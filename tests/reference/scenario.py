@@ -69,7 +69,7 @@ def radio_of(radio: Mapping[str, Any]) -> Radio:
     assert radio.get("shadowing") is None
     interference = radio.get("interference", "none")
     bands = {"none": 0, "co_channel": 1}
-    sharing = radio.get("sharing", "held")
+    sharing, uplink_mhz = radio.get("sharing", "held"), radio.get("uplink_mhz")
     return Radio(
         power_dbm=radio.get("power_dbm", 30.0),
         bandwidth_hz=round(radio.get("bandwidth_mhz", 5.0) * 1e6),
@@ -79,6 +79,7 @@ def radio_of(radio: Mapping[str, Any]) -> Radio:
         loss_db=_loss_of(radio.get("path_loss", URBAN)),
         ladder=_ladder_of(radio["classes"]),
         sharing=sharing if isinstance(sharing, str) else sharing["kind"],
+        uplink_hz=None if uplink_mhz is None else round(uplink_mhz * 1e6),
         reuse=bands[interference] if isinstance(interference, str) else interference["reuse"],
     )
 

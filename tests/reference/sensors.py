@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from tests.reference.inputs import Inputs, Request, Result
 
 
@@ -46,7 +48,8 @@ class Sensors:
         """Which updates of a buffer have to go, one after the other, as a new one has come last."""
         rule, count, gone = self.rules[user], len(self.of[user].buffer), list[int]()
         assert rule is not None
-        first = int(count > 1 and begun)
+        buffer = self.of[user].buffer
+        first = min(range(int(count > 1 and begun), count), key=lambda k: buffer[k][0])
         if rule.keeps == "last":
             first = 0 if rule.preempt else first
             gone = [first] * max(count - 1 - first, 0)
@@ -55,6 +58,29 @@ class Sensors:
         if count - len(gone) > rule.buffer:
             gone.append(first)
         return gone
+
+    def put_next_first(self, user: int) -> bool:
+        """Put the update first that is sent next. Return whether it was not."""
+        buffer, rule = self.of[user].buffer, self.rules[user]
+        if rule is None or not rule.sends_last:
+            return False
+        last = max(range(len(buffer)), key=lambda k: buffer[k][0])
+        buffer.insert(0, buffer.pop(last))
+        return last > 0
+
+    def rivals(self, user: int, holder: np.ndarray) -> list[int]:
+        """Other sensors at the same transmitter whose updates a new one of a sensor replaces."""
+        rules, own = self.rules, self.rules[user]
+        if own is None or not own.preempts_all or holder[user] < 0:
+            return []
+        return [
+            other
+            for other, sensor in self.of.items()
+            if other != user
+            and holder[other] == holder[user]
+            and getattr(rules[other], "preempts_all", False)
+            and sensor.buffer
+        ]
 
     def receive(self, user: int, t_us: int, server: int) -> None:
         """Take an update out of the buffer, of which the last bit has come."""
@@ -107,4 +133,4 @@ class Sensors:
 
     def _deliver(self, user: int, t_us: int, taken_us: int) -> None:
         self.of[user].fall(t_us, taken_us)
-        self.result.delivered_us.append(t_us)
+        self.result.delivered.append((user, taken_us, t_us))

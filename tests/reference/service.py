@@ -14,6 +14,9 @@ from tests.reference.processors import Tasks, cycles_of, paces
 from tests.reference.sensors import Sensors
 from tests.reference.shares import hz_for, whole
 
+Band = tuple[float, np.ndarray]
+"""A bandwidth in Hz, and who of all users has a stage in it."""
+
 
 class Services:
     """The requests of all users, of which each has one open at most.
@@ -30,6 +33,7 @@ class Services:
     def __init__(self, inputs: Inputs, result: Result) -> None:
         self.inputs, self.result = inputs, result
         self.links = [*inputs.links, *(point.link for point in inputs.access_points)]
+        self.efficiencies = [np.array(link.efficiencies) for link in self.links]
         self.horizon_us = inputs.steps * inputs.step_us
         users = len(inputs.legs)
         self.server = np.full(users, -1)
@@ -40,12 +44,13 @@ class Services:
         self.left = np.zeros(users, np.int64)
         self.pace = np.ones(users, np.int64)
         self.wanted_bps = np.zeros(users, np.int64)
+        self.up = np.zeros(users, bool)
         self.asked_us = np.zeros(users, np.int64)
         self.admitted_us = np.zeros(users, np.int64)
         self.asked = np.zeros(users, int)
         self.before = np.zeros((users, 3), np.int64)
         self.request: list[Request | None] = [None] * users
-        self.tasks, self.sensors = Tasks(inputs, result), Sensors(inputs, result)
+        self.tasks, self.sensors = Tasks(inputs), Sensors(inputs, result)
         self.holder = np.full(users, -1)
         self.classes = np.zeros((len(self.links), users), int)
         self.running = np.ones(len(self.links), bool)
@@ -81,9 +86,8 @@ class Services:
         for user in np.flatnonzero(self.open & tasks.alone & (tasks.own_left <= 0)):
             self.close(user, t_us, True)
         for user in np.flatnonzero(self.open & (tasks.deadline_us <= t_us)):
-            request = self.request[user]
+            request, begun = self.request[user], tasks.computing_us[user] > 0 or tasks.own[user] > 0
             assert request is not None
-            begun = tasks.computed[user] or tasks.own[user] > 0
             if request.on_deadline == "drop" or (request.on_deadline == "leave" and not begun):
                 self.result.late += 1
                 self.close(user, t_us, False)
@@ -113,7 +117,7 @@ class Services:
         self.volume_ubit[user] = stage.volume_ubit
         self.tasks.cycles[user] = stage.cycles
         self.left[user] = stage.amount
-        self.wanted_bps[user] = stage.bandwidth_bps
+        self.wanted_bps[user], self.up[user] = stage.bandwidth_bps, stage.up
         self.changed = True
 
     def _begin_anew(self, user: int) -> None:
@@ -168,6 +172,8 @@ class Services:
             int(self.asked_us[user]),
             t_us,
             completed,
+            int(tasks.computing_us[user]),
+            int(tasks.own_us[user]),
         )
         self.result.requests.append(closed)
         self.open[user] = False
@@ -251,17 +257,19 @@ class Services:
             return np.inf
         link, at_link, total = self.links[d], self._at_links(d), 0.0
         at_link[user] = False
-        efficiency = np.array(link.efficiencies)[self.classes[d]]
-        held = np.flatnonzero(at_link & (self.server == d) & self._held(d))
-        free_hz = link.bandwidth_hz - sum(self._need_hz(u, efficiency) for u in held)
-        sharers = int((at_link & ~self._held(d)).sum()) + 1
-        rate = int(free_hz) // sharers * int(efficiency[user]) // 1_000_000
+        held, bps_of = self._held(d), []
+        for band_hz, inside in self._bands(d):
+            served = np.flatnonzero(at_link & (self.server == d) & held & inside)
+            free_hz = int(band_hz) - sum(self._need_hz(d, u) for u in served)
+            sharers = int((at_link & ~held & inside).sum()) + 1
+            bps_of.append(free_hz // sharers * self._efficiency(d, user) // 1_000_000)
         for stage in (request, *request.then):
             if stage.cycles:
                 there = self.open & ~self.tasks.alone & (self.tasks.cycles > 0)
                 total += stage.cycles / self.inputs.processors[d].clock
                 total += self.tasks.backlog_us(d, there, self.left)
             elif stage.amount:
+                rate = bps_of[-1] if stage.up else bps_of[0]
                 bps = stage.bandwidth_bps if link.sharing == "held" else rate
                 if bps == 0:
                     return np.inf
@@ -293,19 +301,33 @@ class Services:
         """Put an update into a sensor's buffer, which makes room for it."""
         buffer = self.sensors.of[user].buffer
         buffer.append((taken_us, request))
-        begun = bool(self.open[user]) and bool(self.server[user] >= 0 or self.served_us[user] > 0)
-        for k in self.sensors.surplus(user, begun):
-            if k == 0 and self.open[user]:
-                self.close(user, t_us, False)
-                self.sensors.promised.pop(user, None)
-            buffer.pop(k)
-            self.result.dropped += 1
+        for other in self.sensors.rivals(user, self.holder):
+            self._drop(other, 0, t_us)
+        for k in self.sensors.surplus(user, self._is_begun(user)):
+            self._drop(user, k, t_us)
         self._send_next(user)
 
+    def _is_begun(self, user: int) -> bool:
+        """Whether a part of a user's open request has been sent, or is being sent."""
+        return bool(self.open[user]) and bool(self.server[user] >= 0 or self.served_us[user] > 0)
+
+    def _drop(self, user: int, k: int, t_us: int) -> None:
+        """Drop an update of a buffer; the request that is open is for the first one."""
+        if k == 0 and self.open[user]:
+            self.close(user, t_us, False)
+            self.sensors.promised.pop(user, None)
+        self.sensors.of[user].buffer.pop(k)
+        self.result.dropped += 1
+
     def _send_next(self, user: int) -> None:
-        """Open the request of the first update in a buffer."""
+        """Open the request of the update that is sent next, which keeps the time of an open one."""
         buffer = self.sensors.of[user].buffer
-        if buffer and not self.open[user]:
+        if not buffer or self._is_begun(user):
+            return
+        if self.sensors.put_next_first(user) and self.open[user]:
+            self.sensors.promised.pop(user, None)
+            self._open(user, int(self.asked_us[user]), buffer[0][1])
+        elif not self.open[user]:
             self._open(user, *buffer[0])
 
     def unload(self, d: int, t_us: int) -> None:
@@ -343,13 +365,17 @@ class Services:
         asked = [(int(self.asked_us[user]), user) for user in self.sensors.of if self.open[user]]
         self.sensors.keep_room(holder.tolist(), asked)
         for d, link in enumerate(self.links):
-            efficiency = np.array(link.efficiencies)[classes[d]]
             attached = self._at_links(d)
             self._restart(d, attached)
-            self._suspend(d, efficiency)
-            elastic = attached & ~self._held(d)
-            free_hz, free_bps = self._hold(t_us, d, attached & ~elastic, efficiency)
-            self._divide(d, elastic, (free_hz, free_bps), efficiency)
+            bands = self._bands(d)
+            for band in bands:
+                self._suspend(d, band)
+            held, rest = attached & self._held(d), []
+            for band in bands:
+                free_hz = self._hold(t_us, d, held, band)
+                rest.append((free_hz, attached & ~held & band[1]))
+            free_bps = link.backhaul_bps - int(self.wanted_bps[held & (self.server == d)].sum())
+            self._divide(d, rest, free_bps)
         for d, processor in enumerate(self.inputs.processors):
             here = self.open & ~self.tasks.alone & (self.tasks.cycles > 0)
             for user in np.flatnonzero(here & (self.tasks.site < 0) & (holder == d)):
@@ -367,51 +393,58 @@ class Services:
             if request.restarts and self.server[user] < 0:
                 self.left[user] = self.volume_ubit[user]
 
-    def _suspend(self, d: int, efficiency: np.ndarray) -> None:
-        """Let the held requests that were admitted last wait until the others fit."""
-        here = (self.server == d) & (self.tasks.cycles == 0) & self._held(d)
+    def _bands(self, d: int) -> list[Band]:
+        """The bands of a transmitter in Hz, that of uploads last, and whose stages are in them."""
+        link = self.links[d]
+        if link.uplink_hz is None:
+            return [(link.bandwidth_hz, np.ones_like(self.up))]
+        return [(link.bandwidth_hz, ~self.up), (link.uplink_hz, self.up)]
+
+    def _suspend(self, d: int, band: Band) -> None:
+        """Let the held requests that were admitted last wait until the others fit into a band."""
+        here = (self.server == d) & (self.tasks.cycles == 0) & self._held(d) & band[1]
         served = [int(user) for user in np.flatnonzero(here)]
         served.sort(key=lambda user: (self.admitted_us[user], self.asked_us[user], user))
-        while sum(self._need_hz(user, efficiency) for user in served) > self.links[d].bandwidth_hz:
+        while sum(self._need_hz(d, user) for user in served) > band[0]:
             self.server[served.pop()] = -1
 
-    def _hold(
-        self, t_us: int, d: int, held: np.ndarray, efficiency: np.ndarray
-    ) -> tuple[float, float]:
-        """Admit whoever fits, in order of request times and users.
+    def _hold(self, t_us: int, d: int, held: np.ndarray, band: Band) -> float:
+        """Admit whoever fits into a band, in order of request times and users.
 
-        Return what is left of the band and of the backhaul.
+        Return what is left of the band.
         """
-        served = np.flatnonzero(held & (self.server == d))
-        free_hz = self.links[d].bandwidth_hz - sum(self._need_hz(u, efficiency) for u in served)
+        (free_hz, inside), served = band, held & (self.server == d)
+        free_hz -= sum(self._need_hz(d, u) for u in np.flatnonzero(served & inside))
         free_bps = self.links[d].backhaul_bps - int(self.wanted_bps[served].sum())
-        waits = np.flatnonzero(held & (self.server < 0))
+        waits = np.flatnonzero(held & inside & (self.server < 0))
         for user in sorted(waits.tolist(), key=lambda user: (self.asked_us[user], user)):
-            need_hz = self._need_hz(user, efficiency)
+            need_hz = self._need_hz(d, user)
             if need_hz <= free_hz and self.wanted_bps[user] <= free_bps:
                 free_hz -= need_hz
                 free_bps -= int(self.wanted_bps[user])
                 self.server[user] = d
                 self.admitted_us[user] = t_us
                 self.pace[user] = self.wanted_bps[user] if self.volume_ubit[user] else 1
-        return free_hz, free_bps
+        return free_hz
 
-    def _need_hz(self, user: int, efficiency: np.ndarray) -> int:
-        return hz_for(int(self.wanted_bps[user]), int(efficiency[user]))
+    def _efficiency(self, d: int, user: int) -> int:
+        return int(self.efficiencies[d][self.classes[d, user]])
 
-    def _divide(
-        self, d: int, elastic: np.ndarray, free: tuple[float, float], efficiency: np.ndarray
-    ) -> None:
-        """Share the rest of the bandwidth and of the backhaul among transfers."""
-        free_hz, free_bps = free
-        users = sorted(np.flatnonzero(elastic).tolist(), key=lambda u: (self.asked_us[u], u))
-        if not users:
-            return
-        rates = whole(self.links[d].sharing, int(free_hz), [int(efficiency[u]) for u in users])
-        part = Fraction(1)
-        if sum(rates) > free_bps:
-            part = Fraction(int(free_bps), sum(rates))
-        for user, rate in zip(users, rates, strict=True):
+    def _need_hz(self, d: int, user: int) -> int:
+        return hz_for(int(self.wanted_bps[user]), self._efficiency(d, user))
+
+    def _divide(self, d: int, rest: list[Band], free_bps: float) -> None:
+        """Share the rest of each band, and that of the backhaul, among transfers."""
+        rates: dict[int, int] = {}
+        for free_hz, elastic in rest:
+            users = sorted(np.flatnonzero(elastic).tolist(), key=lambda u: (self.asked_us[u], u))
+            if users:
+                each = [self._efficiency(d, u) for u in users]
+                shared = whole(self.links[d].sharing, int(free_hz), each)
+                rates |= dict(zip(users, shared, strict=True))
+        total = sum(rates.values())
+        part = Fraction(int(free_bps), total) if total > free_bps else Fraction(1)
+        for user, rate in rates.items():
             rate_bps = int(rate * part)
             self.pace[user] = rate_bps
             self.server[user] = d if rate_bps > 0 else -1

@@ -41,7 +41,7 @@ def ends(result: Result) -> list[tuple[int, float]]:
 def test_a_task_is_sent_computed_and_sent_back() -> None:
     result = computed({0: [task(2, 3, 1, result=1)]}, Processor(1, GHZ))
     assert ends(result) == [(0, 1 + 2 + 3 + 1)]
-    assert result.computing_us == 3 * US
+    assert result.requests[0].computing_us == 3 * US
     assert result.requests[0].share == 1.0
     assert result.requests[0].served_us == 6 * US
 
@@ -83,7 +83,14 @@ def test_offloading(offloading: str, end_s: float, own_s: float) -> None:
     asks = {0: [task(1, 2, 1)]}
     result = computed(asks, Processor(1, GHZ), dt_s=0.03125, **changes)
     assert ends(result)[0][1] == pytest.approx(1 + end_s, abs=0.0626)
-    assert result.own_us / US == pytest.approx(own_s, abs=0.0626)
+    assert result.requests[0].own_us / US == pytest.approx(own_s, abs=0.0626)
+
+
+def test_users_are_attached_before_they_ask_at_the_start() -> None:
+    """A task of time 0 is offloaded, as its user is covered: nobody knows of a drone otherwise."""
+    changes = {"clocks": [GHZ // 2, 0], "offloading": "shortest"}
+    result = computed({0: [task(1, 2, 0)]}, Processor(1, GHZ), **changes)
+    assert (ends(result)[0][1], result.requests[0].own_us) == (3.0, 0)
 
 
 def sensed(rule: Sensing, updates_s: list[float], mbit: float = 4) -> Result:
@@ -105,8 +112,33 @@ def sensed(rule: Sensing, updates_s: list[float], mbit: float = 4) -> Result:
 def test_buffers(keeps: str, preempt: bool, delivered_s: list[float], dropped: int) -> None:
     """Updates come at 1, 2, 3 and 4 s, and a buffer has room for three."""
     result = sensed(Sensing(3, keeps, preempt), [1, 2, 3, 4])
-    assert [t_us / US for t_us in result.delivered_us] == delivered_s
+    assert [t_us / US for *_, t_us in result.delivered] == delivered_s
     assert result.dropped == dropped
+
+
+@pytest.mark.parametrize(
+    ("keeps", "fresh_s", "dropped"),
+    [("newest", [1, 4, 3], 1), ("oldest", [1, 3, 2], 1), ("last", [1, 4], 2)],
+)
+def test_the_last_update_is_sent_first(keeps: str, fresh_s: list[float], dropped: int) -> None:
+    """Of the updates at 1, 2, 3 and 4 s, those that wait at 5 s are sent in the reverse order."""
+    result = sensed(Sensing(3, keeps, sends_last=True), [1, 2, 3, 4])
+    assert [t_us / US for *_, t_us in result.delivered] == [5 + 4 * k for k in range(len(fresh_s))]
+    assert result.dropped == dropped
+    last_s = max(fresh_s)
+    area = 5 * 5 / 2 + (4 + 8) / 2 * 4 + (9 - last_s + 60 - last_s) / 2 * 51
+    assert result.ages_us[0] / US == pytest.approx(area / 60)
+
+
+def test_a_new_update_replaces_those_of_all_sensors() -> None:
+    """Sensor 0 sends for 1 s when sensor 1 takes an update; a phone is no sensor."""
+    links = [radio((0.0, 1.0), sharing="equal")]
+    asks = {user: [Request(round((1 + user) * US), 0, 0, round(4e12))] for user in (0, 1)}
+    asks[2] = [Request(round(20 * US), 0, 0, round(4e12))]
+    rule = Sensing(3, "last", True, preempts_all=True)
+    result = fly(links, [(0, 0)], [HERE] * 3, asks, steps=1, sensors=[rule, rule, None])
+    assert [t_us / US for *_, t_us in result.delivered] == [6]
+    assert (result.dropped, dict(ends(result))) == (1, {1: 6, 2: 24})
 
 
 def test_the_age_is_a_sum_of_trapezoids() -> None:
@@ -118,5 +150,5 @@ def test_the_age_is_a_sum_of_trapezoids() -> None:
 
 def test_what_is_carried_to_the_ground_is_not_delivered_in_the_air() -> None:
     result = sensed(Sensing(3, "newest", at_ground=True), [1, 15])
-    assert result.delivered_us == []
+    assert result.delivered == []
     assert result.ages_us[0] / US == pytest.approx(30.0)

@@ -39,10 +39,10 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     yield from printed()
     yield from queues(5 if quick else 20)
     yield from engines_are_equal()
-    yield from curves(runs)
+    yield from curves(runs, 1 if quick else 5)
     yield from sources(runs)
     yield peaks(runs)
-    yield from at_will(runs)
+    yield from at_will(runs, (1.0,) if quick else (1.0, 1.5))
     yield from visits(runs)
 
 
@@ -278,7 +278,7 @@ def engines_are_equal() -> Iterator[Figure]:
         yield Exact(f"buffer {name}: episodes in which engines differ", sum(unlike), 0, cases=2)
 
 
-def curves(runs: int, most: int = 5) -> Iterator[Figure]:
+def curves(runs: int, most: int) -> Iterator[Figure]:
     """Yield the age over the load, at ``most`` loads."""
     for name, (law, sensor, points) in CURVES.items():
         for load in points[:most]:
@@ -347,9 +347,9 @@ def peaks(runs: int) -> Figure:
     return Estimate.of("M/M/1, load 0.5: mean peak, s", found, laws.peak_m_m_1(0.5))
 
 
-def at_will(runs: int) -> Iterator[Figure]:
+def at_will(runs: int, sigmas: Sequence[float]) -> Iterator[Figure]:
     """Yield ages if the next update is taken when the last is delivered, or somewhat later."""
-    for sigma in (1.0, 1.5):
+    for sigma in sigmas:
         sizes = np.round(lognormal(sigma), 6)
         least, beta = laws.update_or_wait(sizes)
         for what, wait_s, theory in (

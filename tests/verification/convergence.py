@@ -18,7 +18,6 @@ import numpy as np
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.model.rules import Action
-from desim_uav.rules.words import DELIVERED
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -301,7 +300,9 @@ def sensing_of(service: dict[str, Any]) -> Sensing:
     return Sensing(
         buffer=service.get("buffer", 10),
         keeps=service.get("keeps", "newest"),
-        preempt=service.get("preempt", False),
+        preempt=bool(service.get("preempt", False)),
+        preempts_all=service.get("preempt", False) == "all",
+        sends_last=service.get("sends", "first") == "last",
         at_ground=service.get("delivered", "drone") == "ground",
         wait_us=round(service["updates"]["wait_s"] * US) if at_will else 0,
     )
@@ -316,7 +317,7 @@ def kinds_of(mapping: dict[str, Any], world: World) -> list[str]:
 def request_of(kind: str, due_us: int, one: int, two: int, *more: int) -> Request:
     """What a request of a service of this kind asks for, given the values that it has drawn."""
     if kind in ("transfer", "collect"):
-        return Request(due_us, 0, two, one)
+        return Request(due_us, 0, two, one, up=kind == "collect")
     if kind.endswith(":Exchange"):
         return Request(due_us, 0, 0, one, (Request(0, 0, 0, two),))
     if kind.endswith(":Survey"):
@@ -344,6 +345,7 @@ def task_of(service: dict[str, Any], due_us: int, *drawn: int) -> Request:
         deadline_us=NEVER if deadline_s is None else round(deadline_s * US),
         on_deadline=service.get("on_deadline", "count"),
         restarts=service.get("handover", "resume") == "restart",
+        up=True,
     )
 
 
@@ -477,32 +479,6 @@ def share_of(one: Any, stages: int) -> float:
     return float((one.stage + one.done / one.required + one.own_share) / (stages + 1))
 
 
-def exact_services(case: Case) -> dict[str, float]:
-    """The measures of tasks and sensors, by the log of the event simulation."""
-    log, horizon_us = case.log, case.world.horizon_us
-    delivered = [one for one in log.updates if one.fate == DELIVERED]
-    ages = [one.area_us2 / 2 / horizon_us for one in log.sensors]
-    return {
-        "delay_s": sum(one.t_end_us - one.t_request_us for one in log.requests) / US,
-        "computing_s": sum(one.computing_us for one in log.requests) / US,
-        "own_s": sum(one.own_us for one in log.requests) / US,
-        "age_s": sum(ages) / US / max(len(ages), 1),
-        "delivered_s": sum(horizon_us - one.ended_us for one in delivered) / US,
-    }
-
-
-def sampled_services(case: Case, result: Result) -> dict[str, float]:
-    """The measures of tasks and sensors, by the simulator with fixed time steps."""
-    horizon_us, ages = case.world.horizon_us, result.ages_us
-    return {
-        "delay_s": sum(one.t_end_us - one.t_request_us for one in result.requests) / US,
-        "computing_s": result.computing_us / US,
-        "own_s": result.own_us / US,
-        "age_s": sum(ages) / US / max(len(ages), 1),
-        "delivered_s": sum(horizon_us - t_us for t_us in result.delivered_us) / US,
-    }
-
-
 def sampled_measures(result: Result) -> dict[str, float]:
     records = [record for step in result.records for record in step]
     return {
@@ -526,10 +502,9 @@ def pooled_errors(
     errors = np.empty((len(dts_s), len(measures), len(seeds)))
     for column, seed in enumerate(seeds):
         case = case_of(seed, scenarios)
-        exact = exact_measures(case) | exact_services(case)
+        exact = exact_measures(case)
         for row, dt_s in enumerate(dts_s):
-            result = sampled(seed, dt_s, scenarios)
-            close = sampled_measures(result) | sampled_services(case, result)
+            close = sampled_measures(sampled(seed, dt_s, scenarios))
             errors[row, :, column] = [abs(close[name] - exact[name]) for name in measures]
     kept = np.sort(errors, axis=-1)[..., : math.ceil(0.9 * len(seeds))].mean(axis=-1)
     return dict(zip(measures, kept.T, strict=True))

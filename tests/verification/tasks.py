@@ -227,7 +227,7 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     yield from printed()
     yield from engines_are_equal()
     yield from first_come(runs)
-    yield from shared(runs)
+    yield from shared(runs, (0.8,) if quick else (0.5, 0.8))
     yield from tandem(runs, quick)
     yield from waits(runs)
     yield from deadlines(runs)
@@ -282,8 +282,11 @@ def first_come(runs: int) -> Iterator[Figure]:
         yield mean_of(f"M/M/{cores}, load 0.8", told, theory, runs)
 
 
-def shared(runs: int) -> Iterator[Figure]:
-    """Yield times under processor sharing, whose means do not depend on the distribution."""
+def shared(runs: int, rates: Sequence[float]) -> Iterator[Figure]:
+    """Yield times under processor sharing, whose means do not depend on the distribution.
+
+    Their deviations are those at some ``rates``.
+    """
     for name, times_s in {"exponential": EXPONENTIAL, "two sizes": TWO_SIZES}.items():
         told = queue(0.8, times_s, sharing="processor_sharing")
         yield mean_of(f"M/G/1 shared, {name}, load 0.8", told, birth_death_s(0.8, 1), runs)
@@ -291,7 +294,7 @@ def shared(runs: int) -> Iterator[Figure]:
         told = queue(1.6, times_s, sharing="processor_sharing", cores=2)
         theory = birth_death_s(1.6, 2)
         yield mean_of(f"M/G/2 shared, {name}, load 0.8", told, theory, runs)
-    for rate in (0.5, 0.8):
+    for rate in rates:
         for size_s in (0.5, 1.0, 2.0):
             yield sharing_sd(rate, size_s, runs)
 
