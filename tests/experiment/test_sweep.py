@@ -357,12 +357,14 @@ class TestResume:
         assert kept.items() <= files("out").items()
         pd.testing.assert_frame_equal(dataset("out"), dataset("undisturbed"))
 
-    def test_finished_jobs_are_not_run_again(self, swept, monkeypatch):
-        flags = (*GRID, "--policies", "hover", "--seeds", 2)
-        first = swept(*flags)
+    @pytest.mark.parametrize("scenario", ["tiny", "harvest", "edge"])
+    def test_finished_jobs_are_not_run_again(self, swept, monkeypatch, scenario):
+        flags = ("-S", "episode.steps=1,2", "--policies", "hover", "--seeds", 1)
+        first = swept(*flags, scenario=scenario)
         monkeypatch.setattr(job, "evaluate", lambda *_: pytest.fail("run again"))
-        again = swept(*flags, "--resume")
+        again = swept(*flags, "--resume", scenario=scenario)
         assert (again.code, again.out) == (0, first.out)
+        assert "J per Mbit" in sweep_report(Path("out"), None) or scenario != "harvest"
 
     @pytest.mark.thorough
     @pytest.mark.parametrize("damage", ["cut", "flipped", "other", "empty"])

@@ -97,8 +97,7 @@ class SweepFolder:
     def keep(self, job: Job, outcome: JobOutcome) -> JobRow:
         """Store the row of a job that has ended, after the Q-table that it learned."""
         assert outcome.measures is not None, "the job has not failed"
-        values = job.row(outcome.measures)
-        row = {name: values.get(name) for name in self.columns}  # some may have no energy
+        row = self._typed_row(job.row(outcome.measures))
         if outcome.table is not None:
             write_whole(self.out / TABLES / f"{job.id}.npz", outcome.table)
         write_whole(self._file(job), self._parquet(row))
@@ -172,6 +171,13 @@ class SweepFolder:
 
     def _file(self, job: Job) -> Path:
         return self.out / RESULTS / f"{job.id}.parquet"
+
+    def _typed_row(self, values: JobRow) -> JobRow:
+        """Return a value for each column, as it is read again: counts of measures are floats."""
+        import pyarrow as pa
+
+        row = {name: values.get(name) for name in self.columns}  # some may have no energy
+        return dict(pa.Table.from_pylist([row], _schema(self.columns)).to_pylist()[0])
 
     def _parquet(self, row: JobRow) -> bytes:
         import pyarrow as pa
