@@ -24,7 +24,7 @@ from desim_uav.experiment.run import run_settings
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
-from desim_uav.policies.planning.ground import ground_of
+from desim_uav.policies.planning.ground import grounds_of
 from desim_uav.policies.planning.sight import look
 from desim_uav.sample_path import draw
 from desim_uav.shipped import bench_folder
@@ -188,9 +188,9 @@ def test_the_engine_that_planners_see_has_another_future():
 
 def test_planners_see_the_present_as_it_is():
     world, engine, present, snapshot = views("uav-v1/multi-service/small")
-    ground = ground_of(world)
-    true = look(engine, ground, snapshot.observations)
-    shown = look(present.engine(engine), ground, snapshot.observations)
+    grounds = grounds_of(world)
+    true = look(engine, grounds, snapshot.observations)
+    shown = look(present.engine(engine), grounds, snapshot.observations)
     for mine, theirs in zip(shown, true, strict=True):
         assert np.array_equal(mine, theirs) or mine == theirs
 
