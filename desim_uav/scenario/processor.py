@@ -61,3 +61,8 @@ class Processor(Section):
     def core_w(self) -> float:
         """The power of a busy core, in W."""
         return self.kappa * (self.ghz * 1e9) ** 3
+
+    @property
+    def most_uw(self) -> int:
+        """Its power while all cores are busy, in microwatts."""
+        return round(self.electronics_w * 1e6) + self.cores * round(self.core_w * 1e6)
