@@ -68,6 +68,12 @@ from desim_uav.env import (
     Curriculum as Curriculum,
 )
 from desim_uav.env import (
+    InTurn as InTurn,
+)
+from desim_uav.env import (
+    JointActions as JointActions,
+)
+from desim_uav.env import (
     SkipForced as SkipForced,
 )
 from desim_uav.env import (

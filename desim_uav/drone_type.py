@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
+from desim_uav.errors import ScenarioError
 from desim_uav.model.energy.battery import capacity_of, drain_per_s_of, in_joules
 from desim_uav.model.geometry.grid import Cell, Grid
 from desim_uav.model.geometry.prisms import Zone
@@ -18,7 +20,8 @@ from desim_uav.model.motion.motion import (
     cruise_of,
     return_transit,
 )
-from desim_uav.model.motion.planner import HOPS, Node, Planner
+from desim_uav.model.motion.needs import drawn_uj, needs_of
+from desim_uav.model.motion.planner import HOPS, MOST_PLANNING, Node, Planner
 from desim_uav.model.motion.space import Space, space_of
 from desim_uav.model.motion.wind import flown_along, motion_in, rest_in
 from desim_uav.model.offloading import shares_of
@@ -181,6 +184,54 @@ class DroneType(Unchanging):
             return Planner(self.grid, self.stations, hop_us)
         hop_drains = tuple(energy.drain_of(each, each.duration_us) for each in flights)
         return Planner(self.grid, self.stations, hop_us, hop_drains)
+
+    @property
+    def shielded(self) -> bool:
+        """Whether actions are masked after which its drones could not reach a station any more."""
+        return self.drones.shielded and self.limited
+
+    @property
+    def draws_uw(self) -> int:
+        """What its processor takes of the battery at most, in microwatts."""
+        processor = self.drones.processor
+        return 0 if processor is None or not self.in_joules else processor.most_uw
+
+    def needs(self, ceiling: bool) -> NDArray[np.int64]:
+        """Return what a shielded drone needs at each place (see ``model.motion.needs.needs_of``).
+
+        Returns are planned from where drones believe to be, and do not count if they may be wrong.
+        Moves do not count if drones give way to others. Raises ScenarioError if there are too many
+        places.
+        """
+        places = self.grid.blocked.size
+        if places * places > MOST_PLANNING:
+            raise ScenarioError(f"drones.shielded: ways back from {places:,} places take too long")
+        if ceiling not in self._needs:
+            scenario = self.scenario
+            returns = scenario.position_noise is None
+            moves = {} if scenario.on_conflict == "hover_higher_index" else self._taken_by_moves
+            self._needs[ceiling] = needs_of(self.planner, ceiling, returns, self.draws_uw, moves)
+        return self._needs[ceiling]
+
+    @cached_property
+    def _needs(self) -> dict[bool, NDArray[np.int64]]:
+        return {}
+
+    @property
+    def _taken_by_moves(self) -> dict[Node, int]:
+        """The least that a commanded move takes of the battery until the next command."""
+        scenario, energy = self.scenario, self.drones.battery
+        assert energy is not None
+        taken: dict[Node, int] = {}
+        for each, flight in self.epoch_transits.items():
+            move, span_us = MOVES[kind_of(each)], flight.duration_us
+            if not scenario.decisions.by_event:
+                span_us = round(scenario.episode.step_s * US)
+            drain = energy.drain_of(flight, flight.duration_us)
+            drain += energy.drain_of(self.rest, span_us - flight.duration_us)
+            drain += drawn_uj(self.draws_uw, span_us)
+            taken[move] = min(drain, taken.get(move, drain))
+        return taken
 
     def _motion(self, move: Node) -> Motion:
         """Return the motion in the direction of a move, given the wind."""

@@ -39,6 +39,7 @@ from desim_uav.rules.words import (
     ON_LEG,
     ON_STAGE,
     OVERBOOKED,
+    STRANDED,
     TOO_LARGE,
 )
 from desim_uav.sample_path import SamplePath
@@ -135,6 +136,11 @@ class Engine(CarryOver):
         if faults & NO_SHARE:
             name = type(scenario.offloading).__name__
             raise SimulationError(f"offloading {name!r} gave a share that is not from 0 to 1")
+        if faults & STRANDED:
+            raise SimulationError(
+                "drones.shielded: a drone cannot reach a charging station any more from where it "
+                "began the episode; let it begin nearer to one, or with a larger battery"
+            )
         if faults & OVERBOOKED:
             rules = {type(drones.admission).__name__ for drones in scenario.fleet}
             name = "' or '".join(sorted(rules))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from desim_uav.env.registration import register_envs
 
 if TYPE_CHECKING:
+    from desim_uav.env.joint import InTurn, JointActions
     from desim_uav.env.parallel import UavParallelEnv
     from desim_uav.env.parallel_vector import UavParallelVectorEnv
     from desim_uav.env.reward_terms import UavMoEnv
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 _PUBLIC = {
     "Curriculum": "desim_uav.env.tasks",
+    "InTurn": "desim_uav.env.joint",
+    "JointActions": "desim_uav.env.joint",
     "SkipForced": "desim_uav.env.skipping",
     "SkipForcedParallel": "desim_uav.env.skipping",
     "UavEnv": "desim_uav.env.single",
@@ -34,6 +37,8 @@ _PUBLIC = {
 
 __all__ = [
     "Curriculum",
+    "InTurn",
+    "JointActions",
     "SkipForced",
     "SkipForcedParallel",
     "UavEnv",

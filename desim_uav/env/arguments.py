@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from gymnasium import error
 
 from desim_uav import typed as types_of
-from desim_uav.errors import UsageError
+from desim_uav.errors import UsageError, in_short
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -23,3 +23,10 @@ def typed(method: F) -> F:
     Raises ArgumentError.
     """
     return types_of.typed(method, ArgumentError)
+
+
+def of_class(wrapped: type, env: object) -> None:
+    """Raise ArgumentError if an environment is none of this class, and no wrapper of one."""
+    if not isinstance(getattr(env, "unwrapped", None), wrapped):
+        text = in_short(repr(env), 100)
+        raise ArgumentError(f"env: {text}: must be a {wrapped.__name__}, or a wrapper of one")

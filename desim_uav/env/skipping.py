@@ -20,10 +20,9 @@ from gymnasium.spaces import Box
 from pettingzoo.utils import BaseParallelWrapper
 
 from desim_uav.copies import Independent
-from desim_uav.env.arguments import ArgumentError, typed
+from desim_uav.env.arguments import of_class, typed
 from desim_uav.env.parallel import UavParallelEnv
 from desim_uav.env.single import UavEnv
-from desim_uav.errors import in_short
 from desim_uav.model.decisions import discount_of
 
 
@@ -40,7 +39,7 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
     @typed
     def __init__(self, env: gymnasium.Env[Any, Any], gamma: float = 1.0) -> None:
         """Wrap an environment. Raises gymnasium's Error if not 0 < ``gamma`` <= 1."""
-        _require(UavEnv, env)
+        of_class(UavEnv, env)
         super().__init__(env)
         self.gamma = _checked(gamma)
         self._drones = int(env.unwrapped.drones)  # type: ignore[attr-defined]
@@ -79,7 +78,7 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
     @typed
     def __init__(self, env: object, gamma: float = 1.0) -> None:
         """Wrap an environment. Raises gymnasium's Error if not 0 < ``gamma`` <= 1."""
-        _require(UavParallelEnv, env)
+        of_class(UavParallelEnv, env)
         super().__init__(env)
         self.gamma = _checked(gamma)
         self._gained: dict[str, float] = {}
@@ -142,13 +141,6 @@ class Way:
     def told(self) -> dict[str, float]:
         """Return the entries of infos about these steps."""
         return {"duration_steps": self.steps, "discount": self.discount}
-
-
-def _require(wrapped: type, env: object) -> None:
-    """Raise ArgumentError if an environment is none of this class, and no wrapper of one."""
-    if not isinstance(getattr(env, "unwrapped", None), wrapped):
-        text = in_short(repr(env), 100)
-        raise ArgumentError(f"env: {text}: must be a {wrapped.__name__}, or a wrapper of one")
 
 
 def _checked(gamma: float) -> float:

@@ -41,6 +41,11 @@ def _problems(scenario: Scenario, several_types: bool) -> Iterator[str]:
         yield f"decisions: event: {ONLY} with clock, where all drones are asked at each step"
     if scenario.free:
         yield f"drones.motion.space: free: {ONLY} with cells, of which there are finitely many"
+    if any(drones.shielded for drones in scenario.fleet):
+        yield (
+            f"drones.shielded: true: {ONLY} with false, because shielded drones may return above "
+            "return_below"
+        )
     if cruise_of(scenario.fleet[0].motion):
         yield (
             f"drones.motion.cruise: {list(cruise_of(scenario.fleet[0].motion))}: {ONLY} without a "

@@ -29,6 +29,7 @@ from desim_uav.rules.free_flight import (
     turn_back_freely,
 )
 from desim_uav.rules.rows import Constants, Drone, ObservationRow, Path, State
+from desim_uav.rules.shield import shield
 
 
 @rule
@@ -113,7 +114,7 @@ def allow(world: Constants, state: State) -> None:
     A move off the map or into a building is allowed, because a drone has no map. A drone that is
     not asked now is allowed to hover only, which stands for going on with what it does. Whether a
     drone is forced, and the time since it was not, are counted here, once per epoch. A mask that
-    stays the same is not written again.
+    stays the same is not written again, unless the drone is shielded.
     """
     for d in range(len(state.drones)):
         drone, observation = state.drones[d], state.observations[d]
@@ -132,6 +133,8 @@ def allow(world: Constants, state: State) -> None:
         if allows != observation.allows:
             observation.allows = allows
             _write_mask(world, state, drone, observation)
+        if own.shielded and mode in words.DECIDES:
+            shield(world, state, drone)
 
 
 @rare_rule
@@ -205,7 +208,7 @@ def taken(world: Constants, state: State, drone: Drone) -> int:
     """Return the index of the action that a drone takes on its command.
 
     A command that the mask forbids is replaced by the only allowed action, or by hover if several
-    are allowed.
+    are allowed; by the last of these if a shield forbids to hover.
     """
     command, actions = drone.command, len(world.moves)
     first = drone.index * actions
@@ -218,7 +221,7 @@ def taken(world: Constants, state: State, drone: Drone) -> int:
             only = k
         if world.moves[k].action == words.HOVER:
             hover = k
-    return only if allowed == 1 else hover
+    return only if allowed == 1 or not state.masks[first + hover] else hover
 
 
 @rule

@@ -6,7 +6,7 @@ from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import type_of
 from desim_uav.rules.due import key, run_until
-from desim_uav.rules.rows import Constants, Drone, State
+from desim_uav.rules.rows import Constants, Drone, State, TransitRow
 from desim_uav.rules.transits import flight_of
 
 
@@ -54,10 +54,17 @@ def span_of(world: Constants, drone: Drone) -> int:
     """
     if not world.by_event:
         return world.step_us
-    if drone.transit == words.REST:
+    return span_of_flight(world, flight_of(world, drone), drone.off_grid)
+
+
+@rule
+def span_of_flight(world: Constants, flight: TransitRow, off_grid: int) -> int:
+    """Return for how long a drone would follow a command with such a flight, in microseconds."""
+    if not world.by_event:
+        return world.step_us
+    if flight.distance_m == 0.0:
         return world.patience_us
-    lasts_us = flight_of(world, drone).duration_us
-    return max(lasts_us, world.patience_us) if drone.off_grid else lasts_us
+    return max(flight.duration_us, world.patience_us) if off_grid else flight.duration_us
 
 
 @rare_rule

@@ -292,18 +292,18 @@ def _next_hop(world: Constants, state: State, drone: Drone, phase: int) -> None:
         drone.route = drone.route_end
         return
     drone.to_x, drone.to_y, drone.to_level = x, y, level
-    first = type_of(world, drone).first_transit + world.first_hop
-    set_out(world, state, drone, words.RETURNING, first + _direction(hop))
+    set_out(world, state, drone, words.RETURNING, hop_transit(world, drone, hop))
     drone.hopping = 1
     await_hop(world, state, drone)
     note_drone(state, phase, words.ON_DEPART, drone)
 
 
 @rule
-def _direction(hop: Hop) -> int:
-    """Return the number of a hop among ``model.motion.planner.HOPS``."""
+def hop_transit(world: Constants, drone: Drone, hop: Hop) -> int:
+    """Return the number of the transit of a hop, by its number among ``planner.HOPS``."""
     axis = 0 if hop.dx != 0 else 1 if hop.dy != 0 else 2
-    return 2 * axis + (1 if hop.dx + hop.dy + hop.dlevel < 0 else 0)
+    direction = 2 * axis + (1 if hop.dx + hop.dy + hop.dlevel < 0 else 0)
+    return type_of(world, drone).first_transit + world.first_hop + direction
 
 
 @rule

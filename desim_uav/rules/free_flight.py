@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.geometry import roads as nets
 from desim_uav.model.geometry.grid import cell_index, level_index
 from desim_uav.model.geometry.prisms import Prisms, first_entry
-from desim_uav.model.geometry.roads import Roads, way_home
+from desim_uav.model.geometry.roads import Roads
 from desim_uav.model.motion.flight import chosen_mps, no_faster, step_leg
 from desim_uav.model.motion.legs import FreeLeg, LegBounds, direction, leg_between
 from desim_uav.model.motion.limits import Limits, Wind, wind_along
@@ -25,6 +26,7 @@ from desim_uav.rules.battery import is_limited, type_of
 from desim_uav.rules.coverage import silence
 from desim_uav.rules.flight import await_end, await_hop, position, serve_on, set_out
 from desim_uav.rules.note import note_drone
+from desim_uav.rules.reserve import takes, way_home
 from desim_uav.rules.rows import Constants, Course, Drone, Path, State, TransitRow
 from desim_uav.rules.separation import must_wait
 
@@ -235,6 +237,9 @@ def fly_freely(world: Constants, path: Path, state: State, drone: Drone, flies: 
     gives_way = world.gives_way and transit != words.REST
     if gives_way and must_wait(world, state, drone, transit):
         course.blocked, transit = 1, words.REST
+    shielded = type_of(world, drone).shielded and transit != words.REST
+    if shielded and not _has_way_after(world, state, drone):
+        course.blocked, transit = 1, words.REST
     if course.blocked:
         note_drone(state, words.COMMAND, words.ON_BLOCKED, drone)
     if transit == words.REST:
@@ -247,6 +252,15 @@ def fly_freely(world: Constants, path: Path, state: State, drone: Drone, flies: 
         await_end(world, state, drone, world.patience_us)
     else:
         drone.waits = 1
+
+
+@rule
+def _has_way_after(world: Constants, state: State, drone: Drone) -> bool:
+    """Return whether a drone surely reaches a station after the leg that it is to begin."""
+    course = drone.course
+    look_home_from(world, state, drone, course.x1_m, course.y1_m, course.z1_m)
+    needed = takes(world, drone, course.flight) + way_home(world, drone)
+    return bool(state.observations[drone.index].charge > needed)
 
 
 @rule
@@ -328,7 +342,16 @@ def look_home(world: Constants, state: State, drone: Drone) -> None:
 
     It leads over the altitude of the world that is nearest and from which there is a way.
     """
-    home, (x, y, z) = drone.course.home, position(world, state, drone)
+    x, y, z = position(world, state, drone)
+    look_home_from(world, state, drone, x, y, z)
+
+
+@rule
+def look_home_from(
+    world: Constants, state: State, drone: Drone, x: float, y: float, z: float
+) -> None:
+    """Write the return of a drone from a place into ``course.home`` (see ``look_home``)."""
+    home = drone.course.home
     home.station = home.first = home.end = -1
     home.duration_us = home.drain = words.NEVER
     if drone.fallen:
@@ -357,7 +380,7 @@ def _look_at(world: Constants, state: State, drone: Drone, at: Point, level: int
     if first_entry(prisms, at, over) != np.inf:
         return
     ways, away_m = ways_of(world, number, level), memory_of(state).away_m
-    station, node, lasts_us = way_home(
+    station, node, lasts_us = nets.way_home(
         prisms, ways.roads, ways.times_us, limits, wind, np.inf, at[0], at[1], away_m
     )
     if station < 0:

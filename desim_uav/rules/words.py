@@ -111,10 +111,11 @@ DELIVERED, DROPPED, LOST_IN_CRASH, BUFFERED, STORED = range(5)
 FATES = ("delivered", "dropped", "lost", "buffered", "stored")
 """What becomes of updates: at the end of an episode, some are in a buffer or in a drone's store."""
 
-OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST, UNFINISHED, NO_SHARE = 1, 2, 4, 8, 16, 32
+OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST, UNFINISHED, NO_SHARE, STRANDED = 1, 2, 4, 8, 16, 32, 64
 """The flags of ``State.faults``: something did not fit in memory; a reward was too large or not a
 number; an admission rule served requests beyond a drone's bandwidth; a user's leg is invalid; a
-step of the compiled engine is under way, or an error of a component of one's own has ended it."""
+step of the compiled engine is under way, or an error of a component of one's own has ended it; a
+share of tasks is invalid; a shielded drone cannot reach a station."""
 
 NEVER = rules.NEVER
 """The time of events that are not scheduled."""

@@ -41,6 +41,7 @@ from desim_uav.scenario.service_checks import (
     tasks_find_processors,
     users_can_compute,
 )
+from desim_uav.scenario.shield import shields_hold
 from desim_uav.scenario.space_checks import free_flight_fits_the_scenario
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
@@ -352,6 +353,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     components_fit_the_scenario,
     decisions_by_event_fit_the_scenario,
     free_flight_fits_the_scenario,
+    shields_hold,
     *radio_checks.CHECKS,
 )
 

@@ -32,7 +32,7 @@ MOST_DRONES, MOST_TYPES = 10_000, 100
 class Drones(Section):
     """The drones: how many, what they cover and carry, how they fly."""
 
-    later: ClassVar = ("processor", "backhaul", "store_mbit")
+    later: ClassVar = ("processor", "backhaul", "store_mbit", "shielded")
 
     count: Annotated[int, Field(ge=1, le=MOST_DRONES)] = 3
     """The number of drones."""
@@ -59,6 +59,10 @@ class Drones(Section):
     store_mbit: Annotated[float, Field(ge=1e-6, le=1e6)] | None = None
     """How much data a drone can carry to the ground, in Mbit; null means any amount, up to
     4.6 million Mbit.
+    """
+    shielded: bool = False
+    """Whether actions are masked after which a drone might not reach a station any more, so that no
+    policy lets its battery run empty. It may then return above `return_below` if it has to.
     """
 
     @model_validator(mode="after")

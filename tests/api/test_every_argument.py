@@ -502,6 +502,8 @@ BY_ITSELF = {"Any", "InFolders", "Policy"}
 
 CALLED: dict[str, tuple[str, ...]] = {
     "Curriculum": ("__init__",),
+    "InTurn": ("__init__",),
+    "JointActions": ("__init__",),
     "Leaderboard": ("save",),
     "Simulation": ("__init__", "reset"),
     "SkipForced": ("__init__",),
@@ -587,6 +589,8 @@ def begun(kind: Any) -> Any:
         (lambda: du.write_replay(3), "run_dir: 3: must be a result"),
         (lambda: du.UavEnv("tiny", curriculum=[3]), "curriculum[0]: 3: must be a pair"),
         (lambda: du.SkipForced(gymnasium.make("CartPole-v1")), "must be a UavEnv, or a wrapper"),
+        (lambda: du.InTurn(gymnasium.make("CartPole-v1")), "must be a UavEnv, or a wrapper"),
+        (lambda: du.JointActions(du.UavEnv("tiny"), most="3"), "most"),
         (lambda: du.SkipForcedParallel(3), "env: 3: must be a UavParallelEnv, or a wrapper"),
         (lambda: begun(du.UavEnv).step(object()), "action"),
         (lambda: begun(du.UavParallelEnv).step(3), "actions"),

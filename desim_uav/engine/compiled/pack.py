@@ -35,6 +35,7 @@ from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.mobility.walking import walking_of
+from desim_uav.model.motion.planner import MOST_PLANNING
 from desim_uav.model.rules import US
 from desim_uav.rowcode.components import compiled
 from desim_uav.rowcode.packing import locate, located, packed, packed_apart
@@ -67,10 +68,6 @@ def lacking(world: World) -> list[str]:
         if why := why_not_compiled(slot, component, world.services.names):
             lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
     return lacks + too_many(world) + too_large(world) + _too_slow(world)
-
-
-MOST_PLANNING = 4 * 10**9
-"""The largest squared number of places from which returns are planned, in some minutes."""
 
 
 def _too_slow(world: World) -> list[str]:

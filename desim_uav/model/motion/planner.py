@@ -25,6 +25,9 @@ HOPS: dict[Node, Node] = {
 DIRECTIONS: dict[Node, int] = {hop: number for number, hop in enumerate(HOPS)}
 """The numbers of the hops, in the order of HOPS."""
 
+MOST_PLANNING = 4 * 10**9
+"""The largest squared number of places from all of which returns are planned, in some minutes."""
+
 FAR_US = 2**62
 """The time to a node that is not reached."""
 

@@ -95,7 +95,10 @@ class TypeRow(Row):
     Charges (``capacity`` and others) are in the units of the energy model, of which a drone
     takes ``drain_per_s`` in a second of hovering; a battery counts as full at ``full``. The
     changes of users who stand still are those of ``Constants.known_at`` from number ``first_known``
-    on. Its store holds ``store_ubit`` of updates (NEVER: it has no limit).
+    on. Its store holds ``store_ubit`` of updates (NEVER: it has no limit). If it is
+    ``shielded``, the charges that its drones need at all places, as far as they do not fly freely,
+    are those of ``Constants.needs`` from number ``first_need`` on, in the order of the plans; its
+    processor draws at most ``draws_uw`` of the battery, in microwatts.
     The fields from ``scan`` on are functions, or in compiled code their addresses;
     ``admission_values`` and ``battery_values`` are the addresses of the components' fields.
     """
@@ -111,6 +114,9 @@ class TypeRow(Row):
     first_plan: int
     first_known: int
     store_ubit: int
+    shielded: int
+    first_need: int
+    draws_uw: int
     admission_values: int
     battery_values: int
     scan: int
@@ -186,6 +192,7 @@ class Constants(Row):
     transits: Table[TransitRow]
     plans: Table[PlanRow]
     hops: Table[Hop]
+    needs: Table[int]
     levels_m: Table[float]
     blocked: Table[int]
     station_at: Table[int]

@@ -1,0 +1,60 @@
+"""What shielded drones do not go with, because no station would be sure to be reached."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from desim_uav.model.energy.battery import capacity_of, in_joules
+from desim_uav.model.motion.needs import drawn_uj
+from desim_uav.model.motion.wind import rest_in
+from desim_uav.model.rules import US
+from desim_uav.registry import FAULTS
+from desim_uav.scenario.drones import Drones, flies_freely
+from desim_uav.scenario.finding import Finding
+from desim_uav.scenario.schema import Scenario
+from desim_uav.scenario.yaml12 import KeyPath
+
+
+def shields_hold(scenario: Scenario) -> Iterator[Finding]:
+    """Shielded drones that could not be kept from a crash."""
+    for path, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        if drones.shielded and drones.battery is not None:
+            key = (*path, "shielded")
+            yield from _battery_lasts(scenario, drones, key, (*path, "battery"))
+            if not flies_freely(drones):
+                yield from _ways_are_sure(scenario, key)
+
+
+def _battery_lasts(
+    scenario: Scenario, drones: Drones, key: KeyPath, battery: KeyPath
+) -> Iterator[Finding]:
+    """A full battery with which a drone could not leave a station for one command."""
+    energy, charging = drones.battery, scenario.charging
+    assert energy is not None and charging is not None
+    decisions, step_s = scenario.decisions, scenario.episode.step_s
+    hover_s = decisions.patience_s if decisions.by_event else step_s
+    try:
+        drain = energy.drain_of(rest_in(scenario.wind_mps), round(hover_s * US))
+        if drones.processor is not None and in_joules(energy):
+            drain += drawn_uj(drones.processor.most_uw, round(hover_s * US))
+        full = charging.full(capacity_of(energy))
+    except FAULTS:
+        return  # which another check reports
+    if full <= drain:
+        yield Finding(
+            key,
+            f"a full battery does not last longer than a hover of {hover_s:g} s, so that a drone "
+            "could never leave a station",
+            (battery, ("stations", "charging"), ("episode", "step_s"), ("decisions",)),
+        )
+
+
+def _ways_are_sure(scenario: Scenario, key: KeyPath) -> Iterator[Finding]:
+    """Drones that may err on their way home, and be blocked by others, or too many places."""
+    if scenario.position_noise is not None and scenario.on_conflict == "hover_higher_index":
+        yield Finding(
+            key,
+            "not beside position_noise and on_conflict: hover_higher_index, where returns may lead "
+            "astray and moves may be blocked, so that no way to a station is sure",
+            (("position_noise",), ("on_conflict",)),
+        )
