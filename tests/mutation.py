@@ -693,8 +693,8 @@ MUTATIONS = (
     Mutation(
         "free flight: a drone is asked as soon as a short leg ends",
         "rules/epochs.py",
-        "max(lasts_us, world.patience_us) if drone.off_grid",
-        "lasts_us if drone.off_grid",
+        "max(flight.duration_us, world.patience_us) if off_grid",
+        "flight.duration_us if off_grid",
         ("engine/test_free_by_event.py",),
     ),
     Mutation(
