@@ -760,6 +760,28 @@ MUTATIONS = (
         "elif False:",
         ("engine/test_migration.py",),
     ),
+    # ---- the shield
+    Mutation(
+        "shield: a hover needs no way to a station after it",
+        "rules/shield.py",
+        "allowed = allowed and hovers\n",
+        "allowed = allowed and charge > 0\n",
+        ("engine/test_shield.py",),
+    ),
+    Mutation(
+        "shield: a command takes nothing, only the way home does",
+        "rules/reserve.py",
+        "return flown + hovered + drawn_uj",
+        "return drawn_uj",
+        ("engine/test_shield.py",),
+    ),
+    Mutation(
+        "shield: a leg of free flight needs no way to a station after it",
+        "rules/free_flight.py",
+        "if shielded and not _has_way_after",
+        "if False and not _has_way_after",
+        ("engine/test_shield.py",),
+    ),
 )
 
 
