@@ -48,8 +48,6 @@ FOLDER = Path(__file__).parent / "leaderboard"
 MADE = Path("runs") / "leaderboard"
 
 BUILT_IN, GREEDY = ("random", "hover", "baseline"), "greedy"
-PLANNED = tuple(family for family in FAMILIES if family != "endurance")
-"""The families in which planners can fly: they refuse drones of several types."""
 LEARNED = {"Q-learning": "q_learning", "SARSA": "sarsa"}
 ROLLOUT, CLAIRVOYANT = "rollout of Q-learning", "clairvoyant, 10 tries"
 SEARCHED = {
@@ -117,12 +115,11 @@ def entries() -> Iterator[Entry]:
     yield from (Entry(task, name) for task in known for name in BUILT_IN)
     for task in known:
         yield from (Entry(task, name, trainings=TRAINING_SEEDS) for name in LEARNED)
-    planned = [task for task in known if task.family in PLANNED]
-    yield from (Entry(task, GREEDY) for task in planned if task.size == SIZES[0])
+    yield from (Entry(task, GREEDY) for task in known if task.size == SIZES[0])
     for name in (ROLLOUT, CLAIRVOYANT):
         searched = [task for task in known if (task.family, task.size) in SEARCHED]
         yield from (Entry(task, name, ("one",)) for task in searched)
-    yield from (Entry(task, GREEDY) for task in planned if task.size != SIZES[0])
+    yield from (Entry(task, GREEDY) for task in known if task.size != SIZES[0])
 
 
 def main() -> None:
