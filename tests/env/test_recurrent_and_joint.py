@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from gymnasium.wrappers import FlattenObservation
 
-from desim_uav.env import InTurn, JointActions, UavEnv, UavVecEnv
+import desim_uav.env
+from desim_uav.env import InTurn, JointActions, UavEnv
 
 sb3 = pytest.importorskip("stable_baselines3")
 contrib = pytest.importorskip("sb3_contrib")
@@ -70,7 +71,7 @@ def flattened() -> Any:
 
 
 def local() -> Any:
-    return UavVecEnv("case8", 2, LOCAL, world_seed=0)
+    return desim_uav.env.UavVecEnv("case8", 2, LOCAL, world_seed=0)
 
 
 def in_turn() -> Any:
