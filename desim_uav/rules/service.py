@@ -12,7 +12,7 @@ from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, count_outage, end_outage
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
-from desim_uav.rules.stages import count_amounts, draw_values, join, scan_later
+from desim_uav.rules.stages import count_amounts, draw_values, hold_at_site, join, scan_later
 from desim_uav.rules.stores import finds_room
 from desim_uav.rules.tasks import (
     close_task,
@@ -103,10 +103,8 @@ def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) 
 def _hold_bps(state: State, drone: Drone, user: User, bps: int) -> None:
     """Let a user's request hold so much more of the backhaul of its drone, and of its site."""
     drone.free_bps -= bps
-    site = relay_of(state, drone, user)
-    if site >= 0:
-        state.senders[site].free_bps -= bps
-        scan_later(state, state.senders[site])
+    if state.relays:
+        hold_at_site(state, drone, user, bps)
 
 
 @rule

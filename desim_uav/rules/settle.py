@@ -8,7 +8,9 @@ from desim_uav.rules.association import settle_levels
 from desim_uav.rules.attachment import attach, entered_first
 from desim_uav.rules.backhaul import divide
 from desim_uav.rules.bands import (
-    count_bands,
+    BOTH,
+    DOWN,
+    UP,
     count_sharing,
     is_used,
     lacks_bandwidth,
@@ -97,23 +99,30 @@ def _settle_all(
             _admit(world, path, state, drone, admission)
             if count_sharing(drone) > 0:
                 divide(world, state, drone, admission)
-            if drone.computes and len(drone.computing) > 0:
-                process = world.processors[drone.radio].process
-                call(process, (world, state, drone, admission))
-            if state.relays and len(drone.moving) > 0:
-                move(world, state, drone, admission)
             if state.keeps_tasks:
-                power(world, state, drone)
-            if drone.upload.under_way:
+                _compute(world, state, drone, admission)
+            if state.uploads and drone.upload.under_way:
                 send_stored(world, state, drone)
         d = d + 1 if d + 1 < len(state.senders) else 0  # whoever is scanned may free a site
+
+
+@rare_rule
+def _compute(world: Constants, state: State, drone: Drone, phase: int) -> None:
+    """Let a drone's processor divide its cycles, and tasks on their way to others their rates."""
+    if drone.computes and len(drone.computing) > 0:
+        call(world.processors[drone.radio].process, (world, state, drone, phase))
+    if state.relays and len(drone.moving) > 0:
+        move(world, state, drone, phase)
+    power(world, state, drone)
 
 
 @rule
 def _admit(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
     """Let a drone admit requests that wait, to each of its bands."""
-    for band in range(count_bands(drone)):
-        show_band(drone, band)
+    show_band(drone, DOWN)
+    call(type_of(world, drone).scan, (world, path, state, drone, phase))
+    if drone.band != BOTH:
+        show_band(drone, UP)
         call(type_of(world, drone).scan, (world, path, state, drone, phase))
 
 

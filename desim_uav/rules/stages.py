@@ -52,8 +52,14 @@ def next_stage(world: Constants, request: Request, part: float) -> bool:
     """
     following = request.stage + int(request.line != MOVING)
     if following < request.stages:
-        return _begin_stage(world, request, request.drawn, 0, following, part)
+        return _begin_following(world, request, following, part)
     return False
+
+
+@rare_rule
+def _begin_following(world: Constants, request: Request, following: int, part: float) -> bool:
+    """Begin stage number ``following`` of a part of a request (see ``_begin_stage``)."""
+    return _begin_stage(world, request, request.drawn, 0, following, part)
 
 
 @rule
@@ -138,7 +144,8 @@ def join(state: State, drone: Drone, user: User) -> None:
     show_band(drone, user.request.up)
     if user.request.line == SHARING:
         _insert(state, drone.sharing, user)
-        _count_relayed(state, drone, user, 1)
+        if state.relays:
+            _count_relayed(state, drone, user, 1)
         drone.shared_hz = 0
     else:
         _insert(state, drone.waiting, user)
@@ -152,23 +159,40 @@ def leave(state: State, drone: Drone, user: User) -> None:
         show_band(drone, user.request.up)
         if user.request.line == SHARING:
             drone.sharing.remove(user.index)
-            _count_relayed(state, drone, user, -1)
+            if state.relays:
+                _count_relayed(state, drone, user, -1)
             drone.shared_hz = 0
         elif user.request.line == WAITING:
             drone.waiting.remove(user.index)
-        elif user.request.line == COMPUTING:
-            drone.computing.remove(user.index)
         else:
-            drone.moving.remove(user.index)
-            count_moving(state, user, -1)
+            _leave_processor(state, drone, user)
 
 
-@rule
+@rare_rule
+def _leave_processor(state: State, drone: Drone, user: User) -> None:
+    """Remove a user's task from those at a drone's processor, or on their way to it."""
+    if user.request.line == COMPUTING:
+        drone.computing.remove(user.index)
+    else:
+        drone.moving.remove(user.index)
+        count_moving(state, user, -1)
+
+
+@rare_rule
 def _count_relayed(state: State, drone: Drone, user: User, by: int) -> None:
     """Count a user's result at its site if it comes to a drone from there, or no longer."""
     site = relay_of(state, drone, user)
     if site >= 0:
         state.senders[site].relayed += by
+        scan_later(state, state.senders[site])
+
+
+@rare_rule
+def hold_at_site(state: State, drone: Drone, user: User, bps: int) -> None:
+    """Let a user's result hold so much more of the backhaul of its site, if it comes from one."""
+    site = relay_of(state, drone, user)
+    if site >= 0:
+        state.senders[site].free_bps -= bps
         scan_later(state, state.senders[site])
 
 
