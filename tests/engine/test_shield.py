@@ -191,7 +191,7 @@ def test_shielded_drones_never_crash_in_many_random_scenarios(maker: str):
 @pytest.mark.thorough
 def test_engines_agree_on_shielded_drones():
     tried = 0
-    for seed, made in scenarios("all", range(5)):
+    for seed, made in scenarios("all", range(8)):
         world, rng = (
             build_world(from_mapping(with_shields(made)), seed),
             np.random.default_rng(seed),
