@@ -25,7 +25,9 @@ def test_another_queue_has_these_ages() -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("part", ["engines_are_equal", "curves", "sources", "at_will", "visits"])
 def test_the_simulator_has_these_ages(part: str) -> None:
-    arguments = {"curves": (8, 1), "sources": (8,), "at_will": (8,), "visits": (8,)}.get(part, ())
+    arguments = {"curves": (8, 1), "sources": (8,), "at_will": (8, (1.0,)), "visits": (8,)}.get(
+        part, ()
+    )
     check(getattr(ages, part)(*arguments))
 
 

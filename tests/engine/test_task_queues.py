@@ -53,5 +53,7 @@ def test_earliest_deadline_is_so_in_the_compiled_engine() -> None:
     "part", ["engines_are_equal", "first_come", "shared", "tandem", "waits", "deadlines"]
 )
 def test_queues(part: str) -> None:
-    arguments = {"engines_are_equal": (), "tandem": (10, True)}.get(part, (10,))
+    arguments = {"engines_are_equal": (), "tandem": (10, True), "shared": (10, (0.5,))}.get(
+        part, (10,)
+    )
     check(getattr(tasks, part)(*arguments))
