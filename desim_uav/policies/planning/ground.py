@@ -71,7 +71,7 @@ class Ground:
 
     @property
     def limited(self) -> bool:
-        """Whether its drones have to charge, and can."""
+        """Whether its drones have limited batteries and there is a station to charge at."""
         return self.flights.own.limited and bool(self.world.stations)
 
     def ticks(self, time_us: float) -> int:
