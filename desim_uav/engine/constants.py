@@ -106,7 +106,7 @@ def _set_needs(constants: Constants, world: World, settings: RunSettings) -> Non
             for ceiling in set(settings.ceilings):
                 needed = own.needs(ceiling)
                 every[int(ceiling), : len(needed)] = needed
-            needs += every.reshape(-1).tolist()
+            needs += every.ravel().tolist()
     constants.needs = Table(needs)
 
 

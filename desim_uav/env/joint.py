@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -58,7 +58,7 @@ class JointActions(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the mask of the joint actions: bool (actions ** drones,)."""
-        return self._joint(self.env.unwrapped.action_masks())  # type: ignore[attr-defined]
+        return self._joint(cast(UavEnv, self.env.unwrapped).action_masks())
 
     def _with_mask(self, info: dict[str, Any]) -> dict[str, Any]:
         return info | {"action_mask": self._joint(info["action_mask"]).view(np.int8)}
@@ -66,7 +66,7 @@ class JointActions(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
     def _joint(self, masks: NDArray[Any]) -> NDArray[np.bool_]:
         joint = np.ones(1, bool)
         for own in np.asarray(masks, bool).reshape(self._drones, -1):
-            joint = np.logical_and.outer(joint, own).reshape(-1)
+            joint = np.logical_and.outer(joint, own).ravel()
         return joint
 
 
@@ -105,7 +105,7 @@ class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         """Begin the next episode (see ``UavEnv.reset``), in which drone 0 chooses first."""
         self._seen, self._info = self.env.reset(seed=seed, options=options)
         self._chosen = []
-        return self._observation(), self._told(self._info)
+        return self._observation(), self._with_turn(self._info)
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Let the drone whose turn it is choose; the last one's choice ends the decision epoch.
@@ -120,16 +120,16 @@ class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         if len(chosen) < self._drones:
             self._chosen = chosen
             timeless = self._info | {"duration_steps": 0.0, "discount": 1.0}
-            return self._observation(), 0.0, False, False, self._told(timeless)
+            return self._observation(), 0.0, False, False, self._with_turn(timeless)
         together = np.array(chosen) if self._drones > 1 else chosen[0]
         self._seen, reward, terminated, truncated, self._info = self.env.step(together)
         self._chosen = []
-        told = self._told(self._info)
-        return self._observation(), float(reward), terminated, truncated, told
+        info = self._with_turn(self._info)
+        return self._observation(), float(reward), terminated, truncated, info
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the mask of the drone whose turn it is: bool (actions,)."""
-        masks = self.env.unwrapped.action_masks()  # type: ignore[attr-defined]
+        masks = cast(UavEnv, self.env.unwrapped).action_masks()
         own: NDArray[np.bool_] = masks.reshape(self._drones, -1)[len(self._chosen)]
         return own
 
@@ -138,10 +138,10 @@ class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         chosen = np.zeros((self._drones, self._actions))
         chosen[: len(self._chosen)] = actions[self._chosen]
         wrapped: Any = flatten(self.env.observation_space, self._seen)
-        parts = wrapped, turns[len(self._chosen)], chosen.reshape(-1)
+        parts = wrapped, turns[len(self._chosen)], chosen.ravel()
         return np.concatenate(parts).astype(np.float32)
 
-    def _told(self, info: dict[str, Any]) -> dict[str, Any]:
+    def _with_turn(self, info: dict[str, Any]) -> dict[str, Any]:
         turn = len(self._chosen)
         own = np.asarray(info["action_mask"]).reshape(self._drones, -1)[turn].copy()
         return info | {"turn": turn, "action_mask": own}

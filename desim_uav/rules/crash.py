@@ -40,8 +40,7 @@ def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
     silence(world, path, state, drone, words.DEPLETION)
     if state.keeps_sensors:
         lose_updates(world, state, drone)
-    if state.keeps_tasks:  # those of users elsewhere wait again, even if this drone has not served
-        settle_after(world, path, state, words.DEPLETION)
+    settle_after(world, path, state, words.DEPLETION)  # lost tasks may wait at other drones now
     state.crashed.append(drone.index)
     state.crashes += 1
     note_drone(state, words.DEPLETION, words.ON_CRASH, drone)

@@ -51,7 +51,7 @@ def tasks(service: dict[str, Any], sender: dict[str, Any], **more: Any) -> dict[
 
 
 def sensors(service: dict[str, Any], sender: dict[str, Any], **more: Any) -> dict[str, Any]:
-    """What a scenario of sensors has."""
+    """The users and services that make a scenario one of sensors."""
     return {
         "services": {"reading": READING | service},
         "demand": {"kind": "sensing", "service": "reading"},

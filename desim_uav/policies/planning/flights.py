@@ -49,7 +49,7 @@ class Flights(Protocol):
     levels: int
     lands: bool
     word: str
-    """What the points are called in messages."""
+    """The word for the points in error messages: cells, or points."""
     return_at: int
     """The greatest charge with which a drone may return, or -1 if plans must not do so."""
 
