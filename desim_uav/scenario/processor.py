@@ -66,11 +66,6 @@ class Processor(Section):
         return self.kappa * (self.ghz * 1e9) ** 3
 
     @property
-    def most_w(self) -> float:
-        """Its power while all cores are busy, in W."""
-        return self.cores * self.core_w + self.electronics_w
-
-    @property
     def most_uw(self) -> int:
         """Its power while all cores are busy, in microwatts."""
         return round(self.electronics_w * 1e6) + self.cores * round(self.core_w * 1e6)

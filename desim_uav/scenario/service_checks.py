@@ -166,10 +166,11 @@ def processors_draw_from_energy(scenario: Scenario) -> Iterator[Finding]:
         if processor is None:
             continue
         if in_joules(drones.battery):
-            if processor.most_w > MOST_W:
+            most_w = processor.most_uw / 1e6
+            if most_w > MOST_W:
                 yield Finding(
                     (*key, "processor"),
-                    f"would draw {processor.most_w:.4g} W if all cores were busy (kappa times the "
+                    f"would draw {most_w:.4g} W if all cores were busy (kappa times the "
                     f"cube of the clock each, and electronics_w); at most {MOST_W:,.0f} W",
                 )
             continue
