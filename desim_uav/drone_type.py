@@ -217,19 +217,27 @@ class DroneType(Unchanging):
     def _needs(self) -> dict[bool, NDArray[np.int64]]:
         return {}
 
+    def taken_by(self, flight: Transit, span_us: int) -> int:
+        """Return what a flight, and the hover after it, take of the battery in a time.
+
+        It is 0 without a battery. What a processor draws is not counted.
+        """
+        energy, rest_us = self.drones.battery, max(span_us - flight.duration_us, 0)
+        if energy is None:
+            return 0
+        flown = energy.drain_of(flight, flight.duration_us) if flight.duration_us else 0
+        return int(flown + energy.drain_of(self.rest, rest_us))
+
     @property
     def _taken_by_moves(self) -> dict[Node, int]:
         """The least that a commanded move takes of the battery until the next command."""
-        scenario, energy = self.scenario, self.drones.battery
-        assert energy is not None
+        scenario = self.scenario
         taken: dict[Node, int] = {}
         for each, flight in self.epoch_transits.items():
             move, span_us = MOVES[kind_of(each)], flight.duration_us
             if not scenario.decisions.by_event:
                 span_us = round(scenario.episode.step_s * US)
-            drain = energy.drain_of(flight, flight.duration_us)
-            drain += energy.drain_of(self.rest, span_us - flight.duration_us)
-            drain += drawn_uj(self.draws_uw, span_us)
+            drain = self.taken_by(flight, span_us) + drawn_uj(self.draws_uw, span_us)
             taken[move] = min(drain, taken.get(move, drain))
         return taken
 

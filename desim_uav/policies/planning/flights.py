@@ -140,13 +140,7 @@ class CellFlights:
         lasts_us = self.world.step_us
         if self.world.by_event:
             lasts_us = transit.duration_us or self.world.patience_us
-        energy = self.own.drones.battery
-        if energy is None:
-            return Flown(lasts_us, 0)
-        drain = energy.drain_of(self.own.rest, max(lasts_us - transit.duration_us, 0))
-        if transit.duration_us:
-            drain += energy.drain_of(transit, transit.duration_us)
-        return Flown(lasts_us, drain)
+        return Flown(lasts_us, self.own.taken_by(transit, lasts_us))
 
     def is_level(self, move: Choice) -> bool:
         """Return whether a move does not lead up or down."""

@@ -156,13 +156,7 @@ class FreeFlights:
 
     def _drain(self, leg: Any, lasts_us: int) -> int:
         """Return what a leg, and the hover after it, take of the battery."""
-        energy = self.own.drones.battery
-        if energy is None:
-            return 0
-        drain = energy.drain_of(self.own.rest, max(lasts_us - leg.duration_us, 0))
-        if leg.distance_m > 0.0:
-            drain += energy.drain_of(flight_of(leg, self.space.wind), leg.duration_us)
-        return int(drain)
+        return self.own.taken_by(flight_of(leg, self.space.wind), lasts_us)
 
     def back(self, place: int) -> PlannedReturn:
         """Return the return from a place, round all obstacles, at the level of the place."""
