@@ -96,7 +96,7 @@ class Forks:
             if aims.shape != (*shape, AIMS):
                 raise ValueError(f"aims must have the shape {(*shape, AIMS)}, not {aims.shape}")
             calls.aim_all(self.table, aims, going)
-        stopped = calls.step_all(self.table, commands, going, scratch())
+        stopped = calls.step_all(self.table, commands, going, scratch(), 0)
         if stopped < 0:
             raise ValueError(f"commands must be from 0 to {len(self.engine.world.actions) - 1}")
         return stopped
