@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from desim_uav.api.parameters import Jobs, verb
 from desim_uav.errors import Interrupted, UsageError
+from desim_uav.experiment.bench.seeds import SEEDS
 from desim_uav.typed import Within
 
 if TYPE_CHECKING:
     from desim_uav.experiment.bench.leaderboard import Leaderboard
     from desim_uav.experiment.bench.run import Submitted
-
-SEEDS = 32
-"""The most seeds of a track (see ``experiment/bench/tasks.py``)."""
 
 
 def bench_list() -> dict[str, Any]:
@@ -34,7 +32,7 @@ def bench_run(
     policy: str | Path | Sequence[str | Path],
     *,
     track: str = "one",
-    seeds: Annotated[int | None, Within(1, SEEDS)] = None,
+    seeds: Annotated[int | None, Within(1, max(SEEDS.values()))] = None,
     name: str | None = None,
     training_steps: Annotated[int | None, Within(1, 10**12)] = None,
     out: str | Path | None = None,

@@ -38,7 +38,6 @@ SAME = {
     "coverage/small": "case4",
     "coverage/medium": "case5",
     "multi-service/medium": "case8",
-    "urban/medium": "urban_downlink",
 }
 """Tasks that have the scenario of another shipped file."""
 

@@ -342,15 +342,16 @@ def test_schedules_over_the_episodes(text: str, values: list[float]) -> None:
 
 
 def test_rewards_weigh_services_there_are() -> None:
-    scenario = loads("reward: {services: {throughput: 1, edge_computing: 0}}")
+    scenario = loads("reward: {kind: multi_service, services: {throughput: 1, edge_computing: 0}}")
     assert scenario.reward == MultiService(services={"throughput": 1, "edge_computing": 0})
     assert loads(dump(scenario)) == scenario
     video = "services: {video: {duration_min: [1], bandwidth_kbps: [5]}}, demand: {mix: {video: 1}}"
-    assert loads(f"{{{video}}}").reward == MultiService(), "the default may name others"
-    own = loads(f"{{{video}, reward: {{services: {{video: 0.5}}}}}}")
+    usual = loads(f"{{{video}, reward: {{kind: multi_service}}}}")
+    assert usual.reward == MultiService(), "the default may name others"
+    own = loads(f"{{{video}, reward: {{kind: multi_service, services: {{video: 0.5}}}}}}")
     assert own.reward.services == {"video": 0.5}
     assert "reward.services.throughput: 1: no such service" in refusal(
-        f"{{{video}, reward: {{services: {{throughput: 1}}}}}}"
+        f"{{{video}, reward: {{kind: multi_service, services: {{throughput: 1}}}}}}"
     )
 
 
