@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from desim_uav import escaped
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench.bounds import has_bound
+from desim_uav.experiment.bench.commands import decisions_sha256
 from desim_uav.experiment.bench.kept import bound_of, reference_of
-from desim_uav.experiment.bench.measure import decisions_sha256
 from desim_uav.experiment.bench.receipts import CLAIMED, NO_CHECKS, digest_of
 from desim_uav.experiment.bench.score import (
     Interval,
