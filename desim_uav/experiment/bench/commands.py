@@ -81,8 +81,8 @@ def noted(episodes: Sequence[Sequence[Sequence[Command]]], world: World) -> Comm
                 numbers.append(own + [0.0] * (width - len(own)))
     return Commands(
         np.array([len(rows) for rows in episodes], np.int32),
-        np.array(actions, np.int16).reshape(-1, drones),
-        np.array(numbers, np.float64).reshape(-1, width) + 0.0,  # no negative zero
+        np.array(actions, np.int16).reshape(len(actions), drones),
+        np.array(numbers, np.float64).reshape(len(numbers), width) + 0.0,  # no negative zero
     )
 
 
