@@ -18,7 +18,6 @@ from tests.engine.random_parts import accepted
 from tests.engine.random_radio import audited
 from tests.engine.test_by_event import asked
 from tests.engine.test_free_by_event import by_event, fly
-from tests.selection import by_default
 from tests.verification.engines import differences, engines
 
 TO_THE_MAP = {
@@ -115,7 +114,8 @@ def random_world(seed: int) -> World:
     return accepted(make, seed, lambda found: found.free and found.decisions.by_event)
 
 
-@pytest.mark.parametrize("seed", by_default(range(1), range(12)))
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(4))
 def test_both_engines_fly_alike_and_no_event_breaks_a_rule(seed: int):
     world = random_world(7000 + seed)
     one, other = engines(world, (True,) * world.scenario.drone_count)
