@@ -28,7 +28,8 @@ from desim_uav.experiment.bench.tasks import FAMILIES, TRACKS, Task, find_task
 MADE = Path("runs") / "bench_tasks"
 TRACK = TRACKS["one"]
 EVERYWHERE = ("baseline", "hover", "random", "greedy")
-ALSO = {"harvest": ("tour",), "coverage": ("rollout",), "multi-service": ("ppo_case8_any.npz",)}
+LEARNED, ROLLOUT = "learned", "rollout of learned"
+ALSO = {"harvest": ("tour",), "coverage": (ROLLOUT,), "multi-service": ("ppo_case8_any.npz",)}
 PPO_STEPS = 400_000
 """The steps of a network that flies freely, where no table can; tables are trained as the task's
 key ``learning`` says."""
@@ -44,8 +45,8 @@ def main() -> None:
     for family in asked.families:
         task = find_task(f"uav-v1/{family}/small")
         complete([task], [TRACK], asked.jobs, seeds=asked.seeds)
-        policies = (*EVERYWHERE, *ALSO.get(family, ()), str(trained(task)))
-        folders = [flown(task, policy, asked.seeds, asked.jobs) for policy in policies]
+        names = (*EVERYWHERE, *ALSO.get(family, ()), LEARNED)
+        folders = [flown(task, name, asked.seeds, asked.jobs) for name in names]
         (table,) = board(read_all(folders))
         print(f"\n{task.name}\n")
         print(row(["Policy", "Score", "Less than the best by", *table["measures"], "Crashes"]))
@@ -72,16 +73,16 @@ def trained(task: Task) -> Path:
     return file
 
 
-def flown(task: Task, policy: str, seeds: int, jobs: int) -> Path:
+def flown(task: Task, name: str, seeds: int, jobs: int) -> Path:
     """Return the folder of a submission, which is made if it is missing or has other seeds."""
-    name = "learned" if policy.startswith(str(MADE)) else policy.removesuffix(".npz")
-    folder = MADE / f"{task.family}-{name}"
-    folder = folder.with_name(folder.name + "-flown") if name == "learned" else folder
+    folder = MADE / f"{task.family}-{name.replace(' ', '-').removesuffix('.npz')}-flown"
     try:
         if len(read(folder).about.seeds) == seeds:
             return folder
     except PolicyError:
         pass
+    policy = {LEARNED: "", ROLLOUT: "rollout:"}.get(name, name)
+    policy += str(trained(task)) if name in (LEARNED, ROLLOUT) else ""
     return du.bench_run(
         task.name, policy, seeds=seeds, name=name, out=folder, jobs=jobs, progress=False
     ).folder
