@@ -133,11 +133,9 @@ ENTRIES = [
     of("coverage", "one", "MAPPO", 250_000),
     of("coverage", "any", "PPO", 300_000),
     *(
-        of(family, track, ELSEWHERE, "ppo_case8_any.npz", size)
-        for size in ("medium", "small", "large")
-        for family in ("rush", "swarm", "multi-service")
+        of("multi-service", track, ELSEWHERE, "ppo_case8_any.npz", size)
+        for size in ("small", "large")
         for track in ("one", "any")
-        if (family, size) != ("multi-service", "medium")
     ),
 ]
 

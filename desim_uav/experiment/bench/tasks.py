@@ -24,7 +24,10 @@ BENCHMARK = "uav-v1"
 REGISTRY = "registry.json"
 """The file with the hashes of all scenarios, and of the references and bounds."""
 
-FAMILIES = ("coverage", "multi-service", "rush", "swarm", "urban", "endurance")
+FAMILIES = (
+    *("coverage", "multi-service", "urban", "endurance"),
+    *("edge", "harvest", "handover", "dispatch"),
+)
 SIZES = ("small", "medium", "large")
 USUAL = "medium"
 """The size of a task whose name has no size."""
