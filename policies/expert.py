@@ -3,12 +3,12 @@
 python policies/expert.py case8 --seed 0 --out expert_case8.npz
 desim-uav run case8 --policy expert_case8.npz
 
-Read it from top to bottom: options, symmetries, the network, the city, the search, learning, the
-file. First the network learns what a planner (``--teacher``) would do in the states that the
-network's own flights lead to (DAgger). Then, in such states, each drone tries each of its commands
-in a fork of the simulation, while the others keep to theirs; all go on by the network for
-``--horizon`` steps, and the network's estimate of the value stands for the time after that. What
-the tries gain is what the network learns next: commands become more probable by their gains.
+Read it from top to bottom: options, symmetries, the network, the planner, the city, the search,
+learning, the file. First the network learns what each action is worth to the planner ``greedy`` in
+the states to which its own flights lead (DAgger). Then, in such states, each drone tries each of
+its actions in a fork of the simulation; all go on by the network for ``--horizon`` steps, and its
+estimate of the value stands for the time after that. The network learns what the tries gain, and
+actions become more probable by that.
 """
 
 import argparse
@@ -30,6 +30,7 @@ from desim_uav.policies.planning.best_plan import LOST
 from desim_uav.policies.planning.ground import grounds_of
 from desim_uav.policies.planning.sight import look
 from desim_uav.policies.planning.team import Habits, TeamPlanner, commands_of
+from desim_uav.rules.radar import Radar
 from desim_uav.scenario.load import dump, load
 from desim_uav.shipped import find_scenario
 
@@ -67,12 +68,7 @@ OPTIONS = {
     "decay": (0.9, 0.0, 1.0, "lambda of the returns that the value learns"),
     "sharp": (3.0, 0.0, 1e6, "how much the gain of an action is added to its logit"),
     "ahead": (12, 1, 1000, "steps of the teacher's plans"),
-    "near": (
-        1.0,
-        1e-6,
-        1e6,
-        "the worth (users times steps) that makes an action e times as probable",
-    ),
+    "near": (1.0, 1e-6, 1e6, "users times steps that make an action e times as probable"),
     "hidden": (192, 1, 4096, "units of the first layer; the second has half of them"),
 }
 """The default of each option, the least and the greatest value, and what it is."""
@@ -85,6 +81,14 @@ def options_of(**changes):
         if not least <= options[name] <= most:
             raise UsageError(f"--{name} {options[name]}: must be from {least} to {most}")
     return argparse.Namespace(**options)
+
+
+def require(world):
+    """Raise UsageError for worlds for which the search, or the planner's worths, do not hold."""
+    if not isinstance(world.scenario.observation, Radar):
+        raise UsageError(f"observation {world.scenario.observation}: must be of kind radar")
+    if world.free or world.by_event or len(world.types) > 1:
+        raise UsageError("all drones must be of one type, fly from cell to cell, decide by clock")
 
 
 def symmetries(world):
@@ -108,27 +112,22 @@ def symmetries(world):
         return features, signs, np.array([kinds.index(moves.get(one, one)) for one in kinds])
 
     north, south, east, west = Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT
-    limited = "bearing_sin" in names
+    swaps, (sine, cosine) = [("x", "y"), ("y", "x")], ([], [])
+    if "bearing_sin" in names:
+        sine, cosine = ["bearing_sin"], ["bearing_cos"]
+        swaps += [*zip(sine, cosine, strict=True), *zip(cosine, sine, strict=True)]
     steps = [
-        operation(
-            cells[..., ::-1, :], (), ["x"] + ["bearing_sin"] * limited, {east: west, west: east}
-        ),
-        operation(
-            cells[..., ::-1], (), ["y"] + ["bearing_cos"] * limited, {north: south, south: north}
-        ),
+        operation(cells[..., ::-1, :], (), ["x", *sine], {east: west, west: east}),
+        operation(cells[..., ::-1], (), ["y", *cosine], {north: south, south: north}),
     ]
-    grid = world.grid
-    if shape[2] == shape[3] and grid.width_m == grid.depth_m and grid.cells[0] == grid.cells[1]:
-        swaps = [("x", "y"), ("y", "x")]
-        swaps += [("bearing_sin", "bearing_cos"), ("bearing_cos", "bearing_sin")] * limited
+    sides = (shape[2:], world.grid.cells, (world.grid.width_m, world.grid.depth_m))
+    if all(one == other for one, other in sides):
         turns = {north: east, east: north, south: west, west: south}
         steps.append(operation(cells.swapaxes(2, 3), swaps, (), turns))
-    found = [(np.arange(len(names)), np.ones(len(names), np.float32), np.arange(len(kinds)))]
-    if any(world.scenario.wind_mps):
-        return found
-    for features, signs, actions in steps:
-        found += [(f[features], s[features] * signs, a[actions]) for f, s, a in found]
-    return found
+    group = [(np.arange(len(names)), np.ones(len(names), np.float32), np.arange(len(kinds)))]
+    for features, signs, actions in [] if any(world.scenario.wind_mps) else steps:
+        group += [(f[features], s[features] * signs, a[actions]) for f, s, a in group]
+    return group
 
 
 def footprints(world):
@@ -137,26 +136,22 @@ def footprints(world):
     Users in coarser cells count by the part of the cell that is covered and not in the finer one.
     The units count free and own users, those of other drones, and open requests that wait.
     """
-    radar = world.scenario.observation
+    radar, radius_m = world.scenario.observation, world.scenario.drones.footprint_radius_m
     shape = radar.shape(world.facts)
     channels, middle = list(radar.channels(world.facts)), np.array(shape[2:]) // 2
     size_m = np.array([world.grid.width_m, world.grid.depth_m]) / world.grid.cells
-    centres = grid_of(*shape[2:]) - middle
-    cells = [
-        centres[:, :, None, None] * 3**scale + grid_of(3**scale, 3**scale) - 3**scale // 2
-        for scale in range(shape[0])
-    ]
-    units = []
+    centres = np.moveaxis(np.indices(shape[2:]), 0, -1) - middle
+    cells, units = [], []
+    for side in 3 ** np.arange(shape[0]):
+        inner = np.moveaxis(np.indices((side, side)), 0, -1) - side // 2
+        cells.append(centres[:, :, None, None] * side + inner)
     for offset in centres.reshape(-1, 2):
         shares = np.zeros((shape[0], *shape[2:]))
         for scale, places in enumerate(cells):
             far_m = np.linalg.norm((places - offset) * size_m, axis=-1)
-            inside = np.clip(
-                (world.scenario.drones.footprint_radius_m - far_m) / size_m.min() + 0.5, 0.0, 1.0
-            )
-            finer = scale > 0 and (
-                abs(places) <= middle * 3 ** (scale - 1) + 3 ** (scale - 1) // 2
-            ).all(-1)
+            inside = np.clip((radius_m - far_m) / size_m.min() + 0.5, 0.0, 1.0)
+            window = middle * 3 ** (scale - 1) + 3 ** (scale - 1) // 2
+            finer = (abs(places) <= window).all(-1) & (scale > 0)
             shares[scale] = np.where(finer, 0.0, inside).mean((2, 3))
         for group in (("free", "own"), ("others",), ("waiting",)):
             weights = np.zeros(shape, np.float32)
@@ -167,18 +162,14 @@ def footprints(world):
     return np.pad(np.array(units), ((0, 0), (local, 0)))
 
 
-def grid_of(columns, rows):
-    """The column and row of each cell (columns, rows, 2)."""
-    return np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"), -1)
-
-
 class Net(nn.Module):
     """A trunk that is shared by the logits of the actions and by a drone's part of the value."""
 
     def __init__(self, world, hidden):
         super().__init__()
-        seen = len(world.features_of_types[0])
-        sizes = (seen, hidden, (hidden + 1) // 2, 2 * len(world.actions) + 1)
+        self.turns = [tuple(map(torch.from_numpy, one)) for one in symmetries(world)]
+        inputs, outputs = len(world.features_of_types[0]), 2 * len(world.actions) + 1
+        sizes = (inputs, hidden, (hidden + 1) // 2, outputs)
         self.layers = nn.ModuleList(nn.Linear(*pair) for pair in itertools.pairwise(sizes))
         for k, one in enumerate(self.layers):
             nn.init.orthogonal_(one.weight, 0.1 if k == 2 else 2**0.5)
@@ -188,12 +179,11 @@ class Net(nn.Module):
             self.layers[0].weight[: len(known)] = known
 
     def forward(self, seen):
-        """The logits and the gains of the actions (…, actions), and the drone's part of the value."""
+        """Logits and gains of the actions (…, actions), and the drone's part of the value (…)."""
         for one in self.layers[:-1]:
             seen = torch.relu(one(seen))
         out = self.layers[-1](seen)
-        logits, gains = out[..., :-1].chunk(2, -1)
-        return logits, gains, out[..., -1]
+        return *out[..., :-1].chunk(2, -1), out[..., -1]
 
     @torch.no_grad()
     def best(self, seen, masks):
@@ -234,19 +224,17 @@ class Teacher:
         for d, standing in enumerate(sight.drones):
             if standing.ready == 0:
                 np.maximum.at(worths[d], places, team.worths(d))
-        plans = team.plans[:, 0]
-        shown = (snapshot.observations, snapshot.masks)
-        return commands_of(self.grounds, engine, plans, *shown), worths
+        shown = (team.plans[:, 0], snapshot.observations, snapshot.masks)
+        return commands_of(self.grounds, engine, *shown), worths
 
 
 class City:
     """The environments of a training, each with the teacher in its world, and forks of them."""
 
-    def __init__(self, scenario, options, net=None):
+    def __init__(self, scenario, options):
         self.options, self.passes = options, 0
         self.env = UavParallelVectorEnv(scenario, options.envs)
         self.low, self.scale = scaling(self.env.sessions[0].world)
-        self.rng = np.random.default_rng(options.seed)
         self.forks = [None] * options.envs
 
     def begin(self):
@@ -259,37 +247,29 @@ class City:
 
     def tensors(self, seen, masks):
         """What a network gets of what drones see (…, features), and of their masks."""
-        return torch.from_numpy(
-            ((seen - self.low) * self.scale).astype(np.float32)
-        ), torch.from_numpy(masks != 0)
+        scaled = ((seen - self.low) * self.scale).astype(np.float32)
+        return torch.from_numpy(scaled), torch.from_numpy(masks != 0)
 
     def taught(self):
         """The commands of the teacher now (envs, drones), and the worth of each action, if any."""
-        commands, worths = [], []
-        for session, teacher in zip(self.env.sessions, self.teachers, strict=True):
-            given, worth = teacher.teach(session)
-            commands.append(given)
-            worths.append(worth)
+        pairs = zip(self.teachers, self.env.sessions, strict=True)
+        commands, worths = zip(*[one.teach(session) for one, session in pairs], strict=True)
         return torch.tensor(commands), torch.tensor(np.array(worths))
 
     def search(self, net, which, best, masks):
-        """What each action of each drone would gain (states, drones, actions) in the environments.
-
-        ``best`` (envs, drones) are the actions that are compared with.
-        """
+        """What each action of each drone gains over ``best`` in environments: (which, …)."""
         forks, changes, commands = [], [], []
         for k in which:
             engine = self.env.sessions[k].engine
             if self.forks[k] is None or self.forks[k].engine is not engine:
                 self.forks[k] = Forks(engine, 1 + masks[k].numel())
-            allowed = masks[k] & (masks[k].sum(-1, keepdim=True) > 1)
-            allowed[range(len(best[k])), best[k]] = False
-            changes.append(allowed.nonzero())
-            commands.append(best[k].repeat(1 + len(changes[-1]), 1))
-            commands[-1][1 + torch.arange(len(changes[-1])), changes[-1][:, 0]] = changes[-1][:, 1]
+            others = masks[k] & (torch.arange(masks.shape[-1]) != best[k][:, None])
+            changes.append(changed := others.nonzero())
+            commands.append(best[k].repeat(1 + len(changed), 1))
+            commands[-1][1 + torch.arange(len(changed)), changed[:, 0]] = changed[:, 1]
             forks.append(self.forks[k])
         while (returns := self.follow(net, forks, commands)) is None:
-            for k in which:  # a fork has run out of room
+            for k in (k for k in which if self.forks[k].outputs.over[:, 2].any()):
                 self.forks[k].more_room()
                 self.env.sessions[k].write_to(self.env.outputs, k)  # its state has moved
         gains = torch.zeros(len(which), *masks.shape[1:])
@@ -298,24 +278,18 @@ class City:
         return gains
 
     def follow(self, net, forks, commands):
-        """The returns of commands (tries, drones) in forks of each state, as the network goes on.
-
-        It is None if a fork has run out of room.
-        """
+        """The returns of commands (tries, drones) in forks; None if one has run out of room."""
         counts, gamma = [len(one) for one in commands], self.options.gamma
         for one in forks:
             one.take()
         returns, over = torch.zeros(sum(counts)), torch.zeros(sum(counts), dtype=torch.bool)
+        actions = torch.cat(commands)
         for step in range(self.options.horizon):
-            parts = commands if step == 0 else actions.split(counts)
-            if sum([stepped(*one) for one in zip(forks, parts, strict=True)]):
+            if sum([stepped(*one) for one in zip(forks, actions.split(counts), strict=True)]):
                 return None
-            rewards, ended, seen, masks = (
-                np.concatenate(
-                    [getattr(one.outputs, name)[:n] for one, n in zip(forks, counts, strict=True)]
-                )
-                for name in ("reward", "over", "observations", "mask")
-            )
+            rows = zip(*(one.outputs for one in forks), strict=True)
+            rows = ([part[:n] for part, n in zip(one, counts, strict=True)] for one in rows)
+            seen, masks, rewards, _, ended, *_ = map(np.concatenate, rows)
             shape = (len(seen), self.env.drones, -1)
             actions, values = net.best(*self.tensors(seen.reshape(shape), masks.reshape(shape)))
             ended = torch.from_numpy(ended.any(1)) | (step == self.options.horizon - 1)
@@ -328,9 +302,8 @@ class City:
 
 def stepped(forks, commands):
     """Step as many forks as there are commands; return how many have run out of room."""
-    some = np.zeros((forks.count, commands.shape[1]), np.int64)
-    some[: len(commands)] = commands
-    return forks.step(some, np.arange(forks.count) < len(commands))
+    every = np.resize(commands, (forks.count, commands.shape[1]))
+    return forks.step(every, np.arange(forks.count) < len(commands))
 
 
 @torch.no_grad()
@@ -381,26 +354,23 @@ def returns_of(values, rewards, over, options):
 def learn(net, optimizer, samples, searched, options):
     """Learn from all samples: the teacher's commands or the search's gains, and the values."""
     wholes = [torch.cat(one) for one in zip(*samples, strict=True)]
-    turns = [tuple(map(torch.from_numpy, one)) for one in net.turns]
     states, losses = max(1, options.batch // wholes[0].shape[1]), []
     for _ in range(options.reviews if searched else options.epochs):
         for batch in torch.randperm(len(wholes[0])).split(states):
-            features, signs, actions = turns[torch.randint(len(turns), ())]
+            features, signs, actions = net.turns[torch.randint(len(net.turns), ())]
             seen, masks, targets, before, best, counts, returns = (one[batch] for one in wholes)
             seen = seen[..., features] * signs
             masks, targets, before = (one[..., actions][counts] for one in (masks, targets, before))
             logits, gains, values = net(seen)
-            logits, gains = logits[counts], gains[counts]
             worth = 20 * (values.mean(-1) - returns).square().mean()
-            missed = worth.new_zeros(())
+            missed = torch.zeros(())
             if searched:
-                best = torch.argsort(actions)[best[counts]]
-                gained = gains - gains.gather(-1, best[:, None])
-                missed = (gained - targets)[masks].square().mean()
-                targets = torch.where(
-                    masks, before + options.sharp * gains.detach(), -torch.inf
-                ).softmax(-1)
-            logits = torch.where(masks, logits, -1e9).log_softmax(-1)
+                best, gains = torch.argsort(actions)[best[counts]], gains[counts]
+                missed = gains - gains.gather(-1, best[:, None]) - targets
+                missed = missed[masks].square().mean()
+                wanted = before + options.sharp * gains.detach()
+                targets = torch.where(masks, wanted, -torch.inf).softmax(-1)
+            logits = torch.where(masks, logits[counts], -1e9).log_softmax(-1)
             chosen = -(targets * logits).sum(-1).mean()
             loss = chosen + 0.2 * missed + worth
             optimizer.zero_grad()
@@ -418,8 +388,8 @@ def train(scenario, options, save=lambda network: None, say=lambda line: None):
     torch.use_deterministic_algorithms(True)
     city, began = City(scenario, options), time.process_time()
     world = city.env.sessions[0].world
+    require(world)
     net = Net(world, options.hidden)
-    net.turns = symmetries(world)
     optimizer = torch.optim.Adam(net.parameters(), options.rate)
     for searched, passes in ((False, options.imitations), (True, options.searches)):
         samples = []
@@ -438,15 +408,11 @@ def train(scenario, options, save=lambda network: None, say=lambda line: None):
 
 def network_of(net, world, options):
     """The network without its value as desim-uav runs it, with where it comes from."""
-    about = description_of(world) | {
-        "training": vars(options) | {"scenario_yaml": dump(world.scenario)}
-    }
-    pairs = [
-        [one.weight.T.detach().numpy().copy(), one.bias.detach().numpy().copy()]
-        for one in net.layers
-    ]
-    pairs[-1] = [part[..., : len(world.actions)].copy() for part in pairs[-1]]
-    return Mlp(*scaling(world), tuple(map(tuple, pairs)), about)
+    training = vars(options) | {"scenario_yaml": dump(world.scenario)}
+    pairs = [(one.weight.T, one.bias) for one in net.layers]
+    pairs[-1] = tuple(part[..., : len(world.actions)] for part in pairs[-1])
+    arrays = [tuple(part.detach().numpy().copy() for part in pair) for pair in pairs]
+    return Mlp(*scaling(world), tuple(arrays), description_of(world) | {"training": training})
 
 
 def main(arguments=None):
