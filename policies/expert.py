@@ -55,7 +55,7 @@ OPTIONS = {
     "envs": (32, 1, 4096, "environments side by side, each in a world of its own"),
     "steps": (120, 1, 2**16, "steps of each environment in a pass, in worlds that are new"),
     "imitations": (6, 0, 4096, "passes that learn from the teacher"),
-    "searches": (12, 0, 4096, "passes that learn from the search"),
+    "searches": (0, 0, 4096, "passes that learn from the search"),
     "every": (4, 1, 4096, "steps of an environment between two states that are searched"),
     "horizon": (10, 1, 4096, "steps of a try"),
     "trust": (0.3, 0.0, 1.0, "how much of the value of the state after a try counts"),
