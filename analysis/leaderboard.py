@@ -6,7 +6,7 @@ Only what is missing or out of date is made: submissions in analysis/leaderboard
 that are trained for them, in runs/leaderboard. With PART only those submissions are made whose
 folder's name contains it; with --missing they are only listed. The tables and the performance
 profile are then made of all submissions that are there. This calls leaderboard_ppo.py for the
-networks, which are left out if they are missing and PyTorch is not installed.
+networks.
 
 The processor time of each training and of each submission is kept in leaderboard_times.csv. At the
 end that of this call and the sum of all that are kept are printed.
