@@ -196,8 +196,9 @@ def _ask_for(world: Constants, user: User, update: Update) -> None:
 def _put_last_first(world: Constants, state: State, user: User) -> None:
     """Put the latest update of a sensor at the head of its buffer, unless the head is being sent.
 
-    If the head waits, its open request is for the latest update from now on: it keeps its number,
-    its time, and so its place in the line of a drone. The others are in the order of their times.
+    If an older head waits, its open request is for the latest update from now on: it keeps its
+    number, its time, and so its place in the line of a drone. The others are in the order of their
+    times. The head is the latest one already if the one that came after it has just been dropped.
     """
     sensor = state.sensors[user.index]
     if user.request.number < 0:  # the latest update moves to the free place before all others
@@ -207,6 +208,8 @@ def _put_last_first(world: Constants, state: State, user: User) -> None:
         last.number = -1
     elif not _is_being_sent(user):
         head, last = sensor.buffer[sensor.first], sensor.buffer[_place(sensor, sensor.count - 1)]
+        if last.number < head.number:
+            return
         free = sensor.buffer[_place(sensor, sensor.count)]
         copy_update(free, head)
         copy_update(head, last)

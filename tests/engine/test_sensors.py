@@ -210,6 +210,33 @@ def test_the_last_update_takes_the_place_of_one_that_waits() -> None:
     audit_logs([log], world)
 
 
+def test_the_last_update_stays_first_if_the_one_after_it_is_dropped() -> None:
+    """The buffer has room for two, and keeps those of 1.2 and 1.3 s: the latter is sent at 2 s."""
+    world = world_of(users=(FAR, FAR), sends="last", buffer=2, keeps="oldest")
+    log = log_of(world, {0: [taken(1)], 1: [taken(1.2), taken(1.3), taken(1.4)]})
+    assert fates(log) == [
+        *(("delivered", 2.0), ("delivered", 4.0), ("delivered", 3.0), ("dropped", 1.4)),
+    ]
+    audit_logs([log], world)
+
+
+def test_an_update_that_takes_the_place_of_another_one_has_its_room_first() -> None:
+    """Sensor 2 holds the band until 7 s. Sensor 1 has had room for 4 Mbit since 6 s, and keeps it.
+
+    Sensor 0, which comes first at 6.5 s, has given 0.5 Mbit back, and finds no room for 4.
+    """
+    world = carrying([NEAR] * 3, 7.0)
+    services = to_plain(world.scenario)["services"]
+    services["reading"]["keeps"] = "last"
+    world = carrying([NEAR] * 3, 7.0, services=services)
+    asks = {0: [held(6.2, 0.5), held(6.5, 4)], 1: [held(6, 4), held(6.5, 4)], 2: [held(5, 2)]}
+    log = fly(world, path_of(world, asks))
+    received_us = {(one.user, one.generated_us): one.received_us for one in log.updates}
+    assert received_us[0, 6_500_000] == -1
+    assert received_us[1, 6_500_000] == 11 * US
+    audit_logs([log], world)
+
+
 def test_the_last_update_needs_its_own_room_and_rate() -> None:
     """Sensor 1 waits with 0.4 Mbit while sensor 0 holds the band until 7 s, and then has 2 more.
 

@@ -230,7 +230,7 @@ class FixedStep:
             drone.mode, drone.crashed_us, drone.charge = "crashed", t_us, 0
             drone.hop, drone.path = None, []
             self.result.crashes += 1
-            self.services.crash(drone.index)
+            self.services.crash(drone.index, t_us)
 
     def _position(self, drone: Drone, t_us: int) -> tuple[float, float, float]:
         if drone.mode == "crashed":
@@ -255,7 +255,7 @@ class FixedStep:
         services.changed |= bool((classes != self.classes).any())
         self.classes = services.classes = classes
         for user in self.attachments.follow(t_us, classes > 0, level_dbm):
-            services.attach(user, self.attachments.holder)
+            services.attach(t_us, user, self.attachments.holder)
         running = serving.copy()
         for drone in self.drones if self.inputs.processors else ():
             on_ground = self.inputs.processors[drone.index].on_ground

@@ -30,8 +30,9 @@ class Request:
 
     Of a first stage, ``on_deadline`` says what happens ``deadline_us`` after it was made: it goes
     on (count), is closed (drop), or is closed unless a processor has begun it (leave). If it
-    ``restarts``, a stage that another transmitter goes on with begins anew. A stage that goes
-    ``up`` is in the band of uploads, where there is one.
+    ``restarts``, a stage that another transmitter goes on with begins anew. If it ``migrates``,
+    what waits at a processor moves to that of another transmitter of its user, over the backhauls
+    of both. A stage that goes ``up`` is in the band of uploads, where there is one.
     """
 
     due_us: int
@@ -43,6 +44,7 @@ class Request:
     deadline_us: int = NEVER
     on_deadline: str = "count"
     restarts: bool = False
+    migrates: bool = False
     up: bool = False
 
     @property

@@ -13,6 +13,7 @@ class Tasks:
     ``cycles``: those of its present stage, 0 if this is at a link. ``site``: the transmitter that
     has received it since ``arrived_us``, or -1. A user computes ``own`` of its cycles itself, of
     which ``own_left`` are left, and offloads a ``part``; ``alone``: nothing else is left to do.
+    ``target``: the transmitter to whose processor it moves, or -1.
     ``last``: who has served it last. ``computing_us``: for how long processors of transmitters have
     computed it, and ``own_us`` that of the user.
     """
@@ -23,6 +24,7 @@ class Tasks:
         self.clocks = np.array(inputs.clocks or [0] * users, np.int64)
         self.cycles = np.zeros(users, np.int64)
         self.site = np.full(users, -1)
+        self.target = np.full(users, -1)
         self.arrived_us = np.zeros(users, np.int64)
         self.deadline_us = np.full(users, NEVER)
         self.part = np.ones(users)
@@ -35,7 +37,7 @@ class Tasks:
 
     def forget(self, user: int) -> None:
         """Begin a new request."""
-        self.site[user] = self.last[user] = -1
+        self.site[user] = self.last[user] = self.target[user] = -1
         self.part[user] = 1.0
         self.own[user] = self.own_left[user] = 0
         self.alone[user] = False
@@ -46,7 +48,7 @@ class Tasks:
         self.own_left -= np.where(running, self.clocks * dt_us, 0)
         served = server >= 0
         self.last[served] = server[served]
-        computing = served & (self.cycles > 0)
+        computing = served & (self.cycles > 0) & (self.target < 0)
         self.computing_us += computing * dt_us
         self.own_us += running * dt_us
 
@@ -67,7 +69,9 @@ class Tasks:
         def place(user: int) -> tuple[int, int, int]:
             return int(self.deadline_us[user]) * by_deadline, int(self.arrived_us[user]), user
 
-        return sorted(np.flatnonzero(there & (self.site == d)).tolist(), key=place)
+        return sorted(
+            np.flatnonzero(there & (self.site == d) & (self.target < 0)).tolist(), key=place
+        )
 
     def backlog_us(self, d: int, there: np.ndarray, left: np.ndarray) -> float:
         """How long a processor needs for the tasks at it."""

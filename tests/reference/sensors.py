@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 
@@ -31,9 +32,10 @@ class Sensor:
 
 
 class Sensors:
-    """All sensors. ``carried``: of each drone, its updates as user, time taken, and volume.
+    """All sensors. ``carried``: of each transmitter, its updates as user, time taken, and volume.
 
-    ``promised``: the drone that keeps room for the update which each user sends.
+    ``sent_ubit``: how much of the first of them its backhaul has brought to the ground.
+    ``promised``: the transmitter that keeps room for the update which each user sends.
     """
 
     def __init__(self, inputs: Inputs, result: Result) -> None:
@@ -41,7 +43,11 @@ class Sensors:
         rules = inputs.sensors or [None] * len(inputs.legs)
         self.rules = list(rules)
         self.of = {user: Sensor() for user, rule in enumerate(rules) if rule is not None}
-        self.carried: list[list[tuple[int, int, int]]] = [[] for _ in inputs.starts]
+        self.drones = len(inputs.starts)
+        links = [*inputs.links, *(point.link for point in inputs.access_points)]
+        self.over_backhaul = [link.backhaul_bps < inf for link in links]
+        self.carried: list[list[tuple[int, int, int]]] = [[] for _ in links]
+        self.sent_ubit = [0] * len(links)
         self.promised: dict[int, int] = {}
 
     def surplus(self, user: int, begun: bool) -> list[int]:
@@ -93,7 +99,7 @@ class Sensors:
 
     def unload(self, d: int, t_us: int) -> bool:
         """Deliver all that a drone carries, as it has landed. Return whether there was anything."""
-        there, self.carried[d] = self.carried[d], []
+        there, self.carried[d], self.sent_ubit[d] = self.carried[d], [], 0
         for user, taken_us, _ in there:
             self._deliver(user, t_us, taken_us)
         return bool(there)
@@ -101,18 +107,42 @@ class Sensors:
     def crash(self, d: int) -> None:
         """Lose all that a drone carries."""
         self.result.lost += len(self.carried[d])
-        self.carried[d] = []
+        self.carried[d], self.sent_ubit[d] = [], 0
 
-    def keep_room(self, holder: list[int], asked: list[tuple[int, int]]) -> None:
-        """Promise room in drones' stores to users with an open request (``asked``: when, who)."""
-        self.promised = {u: d for u, d in self.promised.items() if holder[u] == d}
+    def send_stored(self, rates_bps: list[float], dt_us: int) -> None:
+        """Send what is carried over backhauls for a tick, one update after the other."""
+        for d, there in enumerate(self.carried):
+            if there and self.over_backhaul[d]:
+                self.sent_ubit[d] += int(rates_bps[d]) * dt_us
+
+    def deliver_sent(self, t_us: int) -> bool:
+        """Deliver what backhauls have brought to the ground. Return whether there was anything."""
+        delivered = len(self.result.delivered)
+        for d, there in enumerate(self.carried):
+            while there and self.sent_ubit[d] >= there[0][2]:
+                user, taken_us, volume = there.pop(0)
+                self.sent_ubit[d] = self.sent_ubit[d] - volume if there else 0
+                self._deliver(user, t_us, taken_us)
+        return len(self.result.delivered) > delivered
+
+    def keep_room(self, holder: np.ndarray, asked: list[tuple[int, int]]) -> None:
+        """Offer room in stores to users with an open request (``asked``: when, who)."""
         for _, user in sorted(asked):
-            d = holder[user]
-            if self._is_carried(user, d) and user not in self.promised:
-                kept = sum(self._size(other) for other, at in self.promised.items() if at == d)
-                stored = sum(size for *_, size in self.carried[d])
-                if stored + kept + self._size(user) <= self.inputs.store_ubit:
-                    self.promised[user] = d
+            self.ask_room(user, holder)
+
+    def ask_room(self, user: int, holder: np.ndarray) -> None:
+        """Promise room in the store of a user's transmitter, if there is any.
+
+        Whoever asks first has it, until it leaves the transmitter, or its update is replaced.
+        """
+        self.promised = {u: d for u, d in self.promised.items() if holder[u] == d}
+        d = int(holder[user])
+        if self._is_carried(user, d) and user not in self.promised:
+            kept = sum(self._size(other) for other, at in self.promised.items() if at == d)
+            stored = sum(size for *_, size in self.carried[d])
+            most = self.inputs.store_ubit if d < self.drones else inf
+            if stored + kept + self._size(user) <= most:
+                self.promised[user] = d
 
     def has_room(self, user: int, d: int) -> bool:
         """Whether a user's update may be sent to a transmitter."""
@@ -129,7 +159,8 @@ class Sensors:
 
     def _is_carried(self, user: int, d: int) -> bool:
         rule = self.rules[user]
-        return rule is not None and rule.at_ground and 0 <= d < len(self.carried)
+        stores = 0 <= d < self.drones or (d >= 0 and self.over_backhaul[d])
+        return rule is not None and rule.at_ground and stores
 
     def _deliver(self, user: int, t_us: int, taken_us: int) -> None:
         self.of[user].fall(t_us, taken_us)

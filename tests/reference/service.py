@@ -1,7 +1,4 @@
-"""Requests of users at each tick: what is open, who is admitted, and at which rate it is served.
-
-Backhauls do not bring results of tasks to others than the transmitter that has computed them.
-"""
+"""Requests of users at each tick: what is open, who is admitted, and at which rate it is served."""
 
 from __future__ import annotations
 
@@ -9,7 +6,9 @@ from fractions import Fraction
 
 import numpy as np
 
+from tests.reference.backhauls import Backhauls
 from tests.reference.inputs import NEVER, Closed, Inputs, Request, Result
+from tests.reference.offloading import offloaded_part
 from tests.reference.processors import Tasks, cycles_of, paces
 from tests.reference.sensors import Sensors
 from tests.reference.shares import hz_for, whole
@@ -51,6 +50,7 @@ class Services:
         self.before = np.zeros((users, 3), np.int64)
         self.request: list[Request | None] = [None] * users
         self.tasks, self.sensors = Tasks(inputs), Sensors(inputs, result)
+        self.backhauls = Backhauls(self.links)
         self.holder = np.full(users, -1)
         self.classes = np.zeros((len(self.links), users), int)
         self.running = np.ones(len(self.links), bool)
@@ -66,6 +66,7 @@ class Services:
         self.served_us[served | own] += dt_us
         self.left -= np.where(served, self.pace * dt_us, 0)
         self.tasks.elapse(dt_us, self.server, own)
+        self.sensors.send_stored(self.backhauls.store_bps, dt_us)
 
     def _own(self) -> np.ndarray:
         """Whose own processors compute now."""
@@ -75,8 +76,11 @@ class Services:
     def complete(self, t_us: int) -> None:
         """Close what has been served in full, or pass it on to its next stage."""
         tasks = self.tasks
+        self.changed |= self.sensors.deliver_sent(t_us)
         for user in np.flatnonzero(self.open & (self.left <= 0) & ~tasks.alone):
-            if any(stage.amount for stage in self.later[user]):
+            if tasks.target[user] >= 0:
+                self._arrive(user, int(tasks.target[user]), t_us)
+            elif any(stage.amount for stage in self.later[user]):
                 self._pass_on(user, t_us)
             elif tasks.own_left[user] > 0:
                 tasks.alone[user], self.server[user] = True, -1
@@ -102,7 +106,9 @@ class Services:
 
     def _arrive(self, user: int, server: int, t_us: int) -> None:
         """Let a task stand in the line of a processor."""
-        self.tasks.site[user], self.tasks.arrived_us[user] = server, t_us
+        tasks = self.tasks
+        tasks.site[user], tasks.arrived_us[user], tasks.target[user] = server, t_us, -1
+        self.left[user], self.server[user] = tasks.cycles[user], -1
         self.changed = True
 
     def _begin(self, user: int) -> None:
@@ -127,7 +133,7 @@ class Services:
         part = tasks.part[user]
         self.before[user, 1] += self._done(user)[0] if tasks.site[user] >= 0 else 0
         self.before[user, 0] = self.before[user, 2] = 0
-        tasks.site[user] = -1
+        tasks.site[user] = tasks.target[user] = -1
         self.later[user] = [stage.part(part) for stage in (request, *request.then)]
         self.stages[user] = len(self.later[user])
         if any(stage.amount for stage in self.later[user]):
@@ -146,7 +152,9 @@ class Services:
         return min(served, int(self.required_us[user])), 0
 
     def _share(self, user: int) -> float:
-        """The share of the present stage that has been done."""
+        """The share of the present stage that has been done, nothing while a task moves."""
+        if self.tasks.target[user] >= 0:
+            return 0.0
         amount = self.volume_ubit[user] or self.tasks.cycles[user] or self.required_us[user]
         return 1.0 - max(int(self.left[user]), 0) / int(amount) if amount else 0.0
 
@@ -233,50 +241,13 @@ class Services:
         assert request is not None
         if cycles_of(request) == 0 or tasks.clocks[user] == 0:
             return
-        part = self._part(user, request)
+        part = offloaded_part(self, user, request)
         if part < 1.0:
             tasks.begin_own(user, request, part)
             self._begin_anew(user)
             self.changed = True
 
-    def _part(self, user: int, request: Request) -> float:
-        """Return the part of a task that is offloaded."""
-        kind = self.inputs.offloading
-        if kind in ("always", "never"):
-            return float(kind == "always")
-        own_us = cycles_of(request) / int(self.tasks.clocks[user])
-        offloaded_us = self._offloaded_us(user, request)
-        if kind == "split":
-            return own_us / (own_us + offloaded_us)
-        return float(offloaded_us < own_us)
-
-    def _offloaded_us(self, user: int, request: Request) -> float:
-        """How long all of a task would take if it were offloaded, as far as is known now."""
-        d = int(self.holder[user])
-        if d < 0:
-            return np.inf
-        link, at_link, total = self.links[d], self._at_links(d), 0.0
-        at_link[user] = False
-        held, bps_of = self._held(d), []
-        for band_hz, inside in self._bands(d):
-            served = np.flatnonzero(at_link & (self.server == d) & held & inside)
-            free_hz = int(band_hz) - sum(self._need_hz(d, u) for u in served)
-            sharers = int((at_link & ~held & inside).sum()) + 1
-            bps_of.append(free_hz // sharers * self._efficiency(d, user) // 1_000_000)
-        for stage in (request, *request.then):
-            if stage.cycles:
-                there = self.open & ~self.tasks.alone & (self.tasks.cycles > 0)
-                total += stage.cycles / self.inputs.processors[d].clock
-                total += self.tasks.backlog_us(d, there, self.left)
-            elif stage.amount:
-                rate = bps_of[-1] if stage.up else bps_of[0]
-                bps = stage.bandwidth_bps if link.sharing == "held" else rate
-                if bps == 0:
-                    return np.inf
-                total += stage.amount / bps
-        return total
-
-    def attach(self, user: int, holder: np.ndarray) -> None:
+    def attach(self, t_us: int, user: int, holder: np.ndarray) -> None:
         """Note that a user has another holder; what has not begun is decided anew."""
         self.holder = holder
         self.changed = True
@@ -284,16 +255,38 @@ class Services:
         if not tasks.cycles[user]:
             self.server[user] = -1
         untouched = tasks.last[user] < 0 and tasks.site[user] < 0 and tasks.own[user] == 0
-        if self.open[user] and holder[user] >= 0 and untouched and user not in self.sensors.of:
+        if user in self.sensors.of:
+            self._ask_room(user)
+        elif self.open[user] and holder[user] >= 0 and untouched:
             self._offload(user)
+        elif self.open[user]:
+            self._follow(user, int(holder[user]), t_us)
 
-    def crash(self, d: int) -> None:
-        """Lose the tasks that a drone has received, and what it carries."""
+    def crash(self, d: int, t_us: int) -> None:
+        """Lose the tasks that a drone has received, and what it carries; others do not come."""
         self.sensors.crash(d)
         for user in np.flatnonzero(self.open & (self.tasks.site == d) & ~self.tasks.alone):
             self._begin_anew(user)
             self.result.restarts += 1
+        for user in np.flatnonzero(self.open & (self.tasks.target == d)):
+            self._arrive(user, int(self.tasks.site[user]), t_us)
         self.changed = True
+
+    def _follow(self, user: int, d: int, t_us: int) -> None:
+        """Let a task that waits at a processor, or is on its way to one, move to another one."""
+        tasks, request = self.tasks, self.request[user]
+        assert request is not None
+        site, goes = int(tasks.site[user]), tasks.target[user] >= 0
+        stays = tasks.computing_us[user] > 0 or (self.server[user] >= 0 and not goes)
+        if not request.migrates or d < 0 or site < 0 or tasks.cycles[user] == 0 or stays:
+            return
+        if d == (tasks.target[user] if goes else site) or not self.backhauls.connect(site, d):
+            return
+        volume = request.part(float(tasks.part[user])).volume_ubit
+        if d == site or volume == 0:
+            self._arrive(user, d, t_us)
+        else:
+            tasks.target[user], self.left[user], self.server[user] = d, volume, -1
 
     # ---- sensors
 
@@ -329,6 +322,12 @@ class Services:
             self._open(user, int(self.asked_us[user]), buffer[0][1])
         elif not self.open[user]:
             self._open(user, *buffer[0])
+        self._ask_room(user)
+
+    def _ask_room(self, user: int) -> None:
+        """Ask for room in the store of a user's transmitter."""
+        if self.open[user]:
+            self.sensors.ask_room(user, self.holder)
 
     def unload(self, d: int, t_us: int) -> None:
         """Deliver what a drone carries that has landed."""
@@ -336,16 +335,16 @@ class Services:
 
     # ---- who is served
 
-    def _held(self, d: int) -> np.ndarray:
+    def held(self, d: int) -> np.ndarray:
         """Whose present stages hold their rates at a transmitter."""
         held: np.ndarray = (self.volume_ubit == 0) | (self.links[d].sharing == "held")
         return held
 
-    def _at_links(self, d: int) -> np.ndarray:
+    def at_links(self, d: int) -> np.ndarray:
         """Whose requests are sent over links of a transmitter, or wait for that."""
         tasks = self.tasks
         at_link = self.open & (self.holder == d) & (tasks.cycles == 0) & ~tasks.alone
-        at_link &= (tasks.site < 0) | (tasks.site == d)
+        at_link &= (tasks.site < 0) | self.backhauls.connected[:, d][tasks.site]
         for user in self.sensors.of:
             at_link[user] &= bool(at_link[user]) and self.sensors.has_room(user, d)
         return at_link
@@ -363,19 +362,17 @@ class Services:
         self.changed = False
         self.holder, self.classes, self.running = holder, classes, running
         asked = [(int(self.asked_us[user]), user) for user in self.sensors.of if self.open[user]]
-        self.sensors.keep_room(holder.tolist(), asked)
-        for d, link in enumerate(self.links):
-            attached = self._at_links(d)
-            self._restart(d, attached)
-            bands = self._bands(d)
-            for band in bands:
+        self.sensors.keep_room(holder, asked)
+        attached = [self.at_links(d) for d in range(len(self.links))]
+        for d in range(len(self.links)):
+            self._restart(d, attached[d])
+            for band in self.bands(d):
                 self._suspend(d, band)
-            held, rest = attached & self._held(d), []
-            for band in bands:
-                free_hz = self._hold(t_us, d, held, band)
-                rest.append((free_hz, attached & ~held & band[1]))
-            free_bps = link.backhaul_bps - int(self.wanted_bps[held & (self.server == d)].sum())
-            self._divide(d, rest, free_bps)
+        rest = [self._hold_all(t_us, d, attached[d]) for d in range(len(self.links))]
+        self.backhauls.count(self, [attached[d] & ~self.held(d) for d in range(len(self.links))])
+        for d in range(len(self.links)):
+            self._divide(d, rest[d])
+        self._move()
         for d, processor in enumerate(self.inputs.processors):
             here = self.open & ~self.tasks.alone & (self.tasks.cycles > 0)
             for user in np.flatnonzero(here & (self.tasks.site < 0) & (holder == d)):
@@ -385,6 +382,14 @@ class Services:
                 self.pace[user] = pace
                 self.server[user] = d if pace > 0 and running[d] else -1
 
+    def _move(self) -> None:
+        """Give rates to tasks that move from one processor to another."""
+        for user in np.flatnonzero(self.open & (self.tasks.target >= 0)):
+            target = int(self.tasks.target[user])
+            ends = int(self.tasks.site[user]), target
+            self.pace[user] = min(self.backhauls.part_bps(end) for end in ends)
+            self.server[user] = target if self.pace[user] > 0 else -1
+
     def _restart(self, d: int, attached: np.ndarray) -> None:
         """Let stages begin anew that another one has sent a part of, if they must."""
         for user in np.flatnonzero(attached & (self.tasks.last >= 0) & (self.tasks.last != d)):
@@ -393,7 +398,7 @@ class Services:
             if request.restarts and self.server[user] < 0:
                 self.left[user] = self.volume_ubit[user]
 
-    def _bands(self, d: int) -> list[Band]:
+    def bands(self, d: int) -> list[Band]:
         """The bands of a transmitter in Hz, that of uploads last, and whose stages are in them."""
         link = self.links[d]
         if link.uplink_hz is None:
@@ -402,11 +407,18 @@ class Services:
 
     def _suspend(self, d: int, band: Band) -> None:
         """Let the held requests that were admitted last wait until the others fit into a band."""
-        here = (self.server == d) & (self.tasks.cycles == 0) & self._held(d) & band[1]
+        here = (self.server == d) & (self.tasks.cycles == 0) & self.held(d) & band[1]
         served = [int(user) for user in np.flatnonzero(here)]
         served.sort(key=lambda user: (self.admitted_us[user], self.asked_us[user], user))
-        while sum(self._need_hz(d, user) for user in served) > band[0]:
+        while sum(self.need_hz(d, user) for user in served) > band[0]:
             self.server[served.pop()] = -1
+
+    def _hold_all(self, t_us: int, d: int, attached: np.ndarray) -> list[Band]:
+        """Admit whoever fits, and return what is left of each band, and who shares it."""
+        held = attached & self.held(d)
+        return [
+            (self._hold(t_us, d, held, band), attached & ~held & band[1]) for band in self.bands(d)
+        ]
 
     def _hold(self, t_us: int, d: int, held: np.ndarray, band: Band) -> float:
         """Admit whoever fits into a band, in order of request times and users.
@@ -414,37 +426,46 @@ class Services:
         Return what is left of the band.
         """
         (free_hz, inside), served = band, held & (self.server == d)
-        free_hz -= sum(self._need_hz(d, u) for u in np.flatnonzero(served & inside))
-        free_bps = self.links[d].backhaul_bps - int(self.wanted_bps[served].sum())
+        free_hz -= sum(self.need_hz(d, u) for u in np.flatnonzero(served & inside))
         waits = np.flatnonzero(held & inside & (self.server < 0))
         for user in sorted(waits.tolist(), key=lambda user: (self.asked_us[user], user)):
-            need_hz = self._need_hz(d, user)
+            need_hz, ends = self.need_hz(d, user), {d, self.relay(d, user)}
+            free_bps = min(self.backhauls.free_bps(self, end) for end in ends)
             if need_hz <= free_hz and self.wanted_bps[user] <= free_bps:
                 free_hz -= need_hz
-                free_bps -= int(self.wanted_bps[user])
                 self.server[user] = d
                 self.admitted_us[user] = t_us
                 self.pace[user] = self.wanted_bps[user] if self.volume_ubit[user] else 1
         return free_hz
 
-    def _efficiency(self, d: int, user: int) -> int:
+    def efficiency(self, d: int, user: int) -> int:
         return int(self.efficiencies[d][self.classes[d, user]])
 
-    def _need_hz(self, d: int, user: int) -> int:
-        return hz_for(int(self.wanted_bps[user]), self._efficiency(d, user))
+    def need_hz(self, d: int, user: int) -> int:
+        return hz_for(int(self.wanted_bps[user]), self.efficiency(d, user))
 
-    def _divide(self, d: int, rest: list[Band], free_bps: float) -> None:
+    def relay(self, d: int, user: int) -> int:
+        """The transmitter over whose backhaul a result comes that is sent to a user, or ``d``."""
+        site = int(self.tasks.site[user])
+        return d if site < 0 else site
+
+    def _divide(self, d: int, rest: list[Band]) -> None:
         """Share the rest of each band, and that of the backhaul, among transfers."""
         rates: dict[int, int] = {}
         for free_hz, elastic in rest:
             users = sorted(np.flatnonzero(elastic).tolist(), key=lambda u: (self.asked_us[u], u))
             if users:
-                each = [self._efficiency(d, u) for u in users]
+                each = [self.efficiency(d, u) for u in users]
                 shared = whole(self.links[d].sharing, int(free_hz), each)
                 rates |= dict(zip(users, shared, strict=True))
-        total = sum(rates.values())
+        backhauls = self.backhauls
+        for user in rates:
+            site = self.relay(d, user)
+            if site != d:
+                rates[user] = min(rates[user], int(backhauls.part_bps(site)))
+        total, free_bps = sum(rates.values()), max(backhauls.for_sharing_bps(d), 0)
         part = Fraction(int(free_bps), total) if total > free_bps else Fraction(1)
         for user, rate in rates.items():
-            rate_bps = int(rate * part)
-            self.pace[user] = rate_bps
-            self.server[user] = d if rate_bps > 0 else -1
+            self.pace[user] = int(rate * part)
+            self.server[user] = d if self.pace[user] > 0 else -1
+        backhauls.store_bps[d] = max(free_bps - sum(int(self.pace[user]) for user in rates), 0)

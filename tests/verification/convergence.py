@@ -345,6 +345,7 @@ def task_of(service: dict[str, Any], due_us: int, *drawn: int) -> Request:
         deadline_us=NEVER if deadline_s is None else round(deadline_s * US),
         on_deadline=service.get("on_deadline", "count"),
         restarts=service.get("handover", "resume") == "restart",
+        migrates=service.get("handover", "resume") == "migrate",
         up=True,
     )
 
