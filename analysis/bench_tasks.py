@@ -30,6 +30,9 @@ TRACK = TRACKS["one"]
 EVERYWHERE = ("baseline", "hover", "random", "greedy")
 LEARNED, ROLLOUT = "learned", "rollout of learned"
 ALSO = {"harvest": ("tour",), "coverage": (ROLLOUT,), "multi-service": ("ppo_case8_any.npz",)}
+SHIPPED = {"coverage": "case4.npz"}
+"""Tables that come with the package, where a task has the scenario of a case."""
+
 PPO_STEPS = 400_000
 """The steps of a network that flies freely, where no table can; tables are trained as the task's
 key ``learning`` says."""
@@ -62,6 +65,8 @@ def main() -> None:
 
 def trained(task: Task) -> Path:
     """Return a table that was trained in world 0 or, for free flight, a network."""
+    if task.family in SHIPPED:
+        return Path(SHIPPED[task.family])
     file = MADE / f"{task.family}-learned" / "policy.npz"
     if not file.exists() and task.scenario(TRACK).free:
         file.parent.mkdir(parents=True, exist_ok=True)
