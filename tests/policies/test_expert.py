@@ -209,7 +209,7 @@ def test_it_is_interrupted_and_says_what_is_wrong(tmp_path: Path):
     running = started(tmp_path / "far.yaml", *quick, "--imitations", 4096)
     assert running.stderr is not None
     for line in running.stderr:
-        if re.match(r"pass [0-9]+", line) and (tmp_path / "far.npz").exists():
+        if re.match(r"imitation [0-9]+", line) and (tmp_path / "far.npz").exists():
             break
     running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=60)
