@@ -25,6 +25,7 @@ from tests.verification.figure import check
 from tests.verification.parting import OF_SENSORS, OF_TASKS, orders
 from tests.verification.served import (
     computing_scenario_of,
+    migrating_scenario_of,
     sensing_scenario_of,
     uplinked_scenario_of,
 )
@@ -75,6 +76,12 @@ def test_uploads_in_their_own_bands_agree(seed: int) -> None:
     check_services(seed, uplinked_scenario_of)
 
 
+@pytest.mark.parametrize("seed", by_default([], (0, 1, 6)))
+def test_tasks_that_migrate_agree(seed: int) -> None:
+    assert case_of(seed, migrating_scenario_of).count("move") > 0
+    check_services(seed, migrating_scenario_of)
+
+
 @pytest.mark.slow
 def test_tasks_converge_with_slope_one() -> None:
     check(orders(range(64), 0.15, DTS_S, computing_scenario_of, OF_TASKS))
@@ -104,7 +111,6 @@ def test_the_scenarios_have_everything_in_them() -> None:
         counted.update((processor["sharing"], mapping["offloading"], f"late {vision['handover']}"))
         counted.update(f"ground {processor['on_ground']}" for _ in range(1))
         counted.update(one.outcome.name for one in log.requests)
-        counted["moves"] += case_of(seed, computing_scenario_of).count("move")
         counted["restarts"] += sum(one.restarts for one in log.requests)
         log = case_of(seed, sensing_scenario_of).log
         mapping = sensing_scenario_of(seed)
@@ -117,5 +123,5 @@ def test_the_scenarios_have_everything_in_them() -> None:
     kinds = ("first_come", "processor_sharing", "earliest_deadline", "ground True", "ground False")
     kinds += ("always", "never", "shortest", "split", "late resume", "late restart", "restarts")
     kinds += (Outcome.LATE.name, "poisson", "periodic", "at_will", "newest", "oldest", "last")
-    kinds += ("late migrate", "moves", "over a backhaul")
+    kinds += ("late migrate", "over a backhaul")
     assert all(counted[kind] > 0 for kind in (*kinds, "dropped", "drone", "ground")), counted

@@ -72,6 +72,20 @@ def computing_scenario_of(seed: int) -> dict[str, Any]:
     return uneven(mapping, dice)
 
 
+def migrating_scenario_of(seed: int) -> dict[str, Any]:
+    """One of the scenarios of tasks, with queues at slow processors, whose tasks follow users."""
+    mapping, dice = computing_scenario_of(seed), Dice(seed + 2_400_000)
+    for each in [mapping["drones"], *mapping["access_points"]]:
+        each["processor"] |= {"cores": 1, "ghz": dice.of(0.05, 0.1)}
+        each["processor"]["sharing"] = random_tasks.ORDERS[seed % 3]
+    with_backhauls(mapping, dice, 1007.3, 5903.1)
+    mapping["offloading"] = "always"
+    vision = mapping["services"]["vision"]
+    vision |= {"input_mbit": [0.31, 0.9], "cycles_per_bit": [700.125, 2000]}
+    vision |= {"handover": "migrate", "deadline_s": 300, "on_deadline": "count"}
+    return mapping
+
+
 def uplinked_scenario_of(seed: int) -> dict[str, Any]:
     """One of the scenarios of tasks or of sensors, with bands for uploads alone."""
     mapping = (computing_scenario_of, sensing_scenario_of)[seed % 2](seed // 2)
