@@ -1,9 +1,10 @@
 """Compute what the scores of the benchmark's runs refer to: the baseline's results and the bounds.
 
-    python analysis/bench_references.py [-j 2] [--anew] [TASK…]
+    python analysis/bench_references.py [-j 2] [--anew] [--seeds 4] [--track any] [TASK…]
 
-Only those that are missing are computed, by default of all tasks; with --anew all of these tasks.
-They are written beside the tasks, and their hashes into the registry.
+Only those that are missing are computed, by default of all tasks; with --anew all of these tasks,
+and with --seeds only the first seeds of each track. They are written beside the tasks, and their
+hashes into the registry. After Ctrl-C those that were computed are kept.
 """
 
 from __future__ import annotations
@@ -19,10 +20,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-j", dest="jobs", type=int, default=1)
     parser.add_argument("--anew", action="store_true")
+    parser.add_argument("--seeds", type=int)
+    parser.add_argument("--track", choices=[*TRACKS])
     parser.add_argument("tasks", nargs="*", default=[*tasks()])
     asked = parser.parse_args()
     chosen = list(map(find_task, asked.tasks))
-    complete(chosen, [*TRACKS.values()], asked.jobs, anew=asked.anew)
+    tracks = [TRACKS[name] for name in ([asked.track] if asked.track else TRACKS)]
+    complete(chosen, tracks, asked.jobs, anew=asked.anew, seeds=asked.seeds)
 
 
 if __name__ == "__main__":

@@ -3,17 +3,16 @@
     python analysis/leaderboard_ppo.py [-j 2] [PART]
 
 Only what is missing is made: networks in runs/leaderboard, which are not kept, and submissions in
-analysis/leaderboard, which are. With PART only those are made whose name contains it. Training
-needs PyTorch (pip install -e ".[ppo]"). First all networks of the first seed are trained, then
-those of the second one, and so on, so that after Ctrl-C all algorithms have about as many
-trainings; --trainings N submits the first N. The processor times are kept in
-leaderboard_times.csv; ``desim-uav bench board analysis/leaderboard`` makes the tables.
+analysis/leaderboard, which are. With PART only those are made whose name contains it. First all
+networks of the first seed are trained, then those of the second one, and so on, so that after
+Ctrl-C all algorithms have about as many trainings; --trainings N submits the first N. The processor
+times are kept in leaderboard_times.csv; ``desim-uav bench board analysis/leaderboard`` makes the
+tables.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import shutil
 import subprocess
 import sys
@@ -133,11 +132,9 @@ ENTRIES = [
     of("coverage", "one", "MAPPO", 250_000),
     of("coverage", "any", "PPO", 300_000),
     *(
-        of(family, track, ELSEWHERE, "ppo_case8_any.npz", size)
-        for size in ("medium", "small", "large")
-        for family in ("rush", "swarm", "multi-service")
+        of("multi-service", track, ELSEWHERE, "ppo_case8_any.npz", size)
+        for size in ("small", "large")
         for track in ("one", "any")
-        if (family, size) != ("multi-service", "medium")
     ),
 ]
 
@@ -153,10 +150,7 @@ def main() -> None:
 
 
 def complete(part: str, jobs: int, trainings: int = TRAININGS) -> None:
-    """Make what is missing of the entries whose name contains ``part``.
-
-    Without PyTorch nothing is trained, and only the networks that are there are submitted.
-    """
+    """Make what is missing of the entries whose name contains ``part``."""
     missing = [
         entry
         for entry in ENTRIES
@@ -168,9 +162,6 @@ def complete(part: str, jobs: int, trainings: int = TRAININGS) -> None:
         for entry in missing
         if seed < entry.trainings and not find_table(entry.network(seed)).exists()
     ]
-    if work and importlib.util.find_spec("torch") is None:
-        print(f"{len(work)} networks are missing, and PyTorch is not installed to train them")
-        work = []
     MADE.mkdir(parents=True, exist_ok=True)
     with closing(run_each(trained, work, jobs)) as ended:
         for number, spent_s in ended:

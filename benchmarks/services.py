@@ -3,13 +3,15 @@
     python benchmarks/services.py [--rounds 7] [--seconds 1]
 
 A step is one parallel step of all drones, and draws and resets count as time. The drones learn from
-the first episode on, compiled. ``edge`` is the shipped scenario, with 60 cameras and three drones.
-The others have four drones with rotary wings, which carry updates of sensors to the ground: 60
-sensors with an update a minute, and 1,000 sensors with one in ten minutes.
+the first episode on, compiled. ``edge`` and ``harvest`` are the shipped scenarios, with 300 cameras
+and three drones, and with 60 sensors and four drones. The others have four drones with rotary
+wings, too, which carry updates of sensors to the ground: 60 sensors with an update a minute, and
+1,000 sensors with one in ten minutes.
 
 The time of a step is divided by the number of users and by that of drones. What happens in a step
-differs much: users of case 8 think for five minutes between two requests, cameras for 20 s. So the
-events that are logged are counted too, in one episode of drones with random commands.
+differs much: up to 60 sensors of ``harvest`` share the bandwidth of a drone, and get other rates
+whenever one of them begins or ends. So the events that are logged are counted too, in one episode
+of drones with random commands.
 
 All are in one process with one thread, in turn. CPU time; medians of the rounds.
 """
@@ -89,6 +91,7 @@ def main() -> None:
     scenarios = {
         "case 8": load(scenario_path("case8")),
         "edge": load(scenario_path("edge")),
+        "harvest": load(scenario_path("harvest")),
         "60 sensors": sensors(60, 1500.0, 60.0),
         "1,000 sensors": sensors(1000, 3000.0, 600.0),
     }

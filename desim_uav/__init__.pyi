@@ -4,6 +4,9 @@ from desim_uav.api.bench import (
     bench_board as bench_board,
 )
 from desim_uav.api.bench import (
+    bench_export as bench_export,
+)
+from desim_uav.api.bench import (
     bench_list as bench_list,
 )
 from desim_uav.api.bench import (

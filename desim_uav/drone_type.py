@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
-from desim_uav.errors import ScenarioError
 from desim_uav.model.energy.battery import capacity_of, drain_per_s_of, in_joules
 from desim_uav.model.geometry.grid import Cell, Grid
 from desim_uav.model.geometry.prisms import Zone
@@ -21,7 +20,7 @@ from desim_uav.model.motion.motion import (
     return_transit,
 )
 from desim_uav.model.motion.needs import drawn_uj, needs_of
-from desim_uav.model.motion.planner import HOPS, MOST_PLANNING, Node, Planner
+from desim_uav.model.motion.planner import HOPS, Node, Planner
 from desim_uav.model.motion.space import Space, space_of
 from desim_uav.model.motion.wind import flown_along, motion_in, rest_in
 from desim_uav.model.offloading import shares_of
@@ -200,12 +199,8 @@ class DroneType(Unchanging):
         """Return what a shielded drone needs at each place (see ``model.motion.needs.needs_of``).
 
         Returns are planned from where drones believe to be, and do not count if they may be wrong.
-        Moves do not count if drones give way to others. Raises ScenarioError if there are too many
-        places.
+        Moves do not count if drones give way to others.
         """
-        places = self.grid.blocked.size
-        if places * places > MOST_PLANNING:
-            raise ScenarioError(f"drones.shielded: ways back from {places:,} places take too long")
         if ceiling not in self._needs:
             scenario = self.scenario
             returns = scenario.position_noise is None

@@ -40,6 +40,7 @@ VERBS = {
     "bench run": [du.bench_run],
     "bench verify": [du.bench_verify],
     "bench board": [du.bench_board],
+    "bench export": [du.bench_export],
     "bench seal": [du.bench_seal],
     "bench reveal": [du.bench_reveal],
 }

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from desim_uav.api.parameters import Jobs, verb
 from desim_uav.errors import Interrupted, UsageError
+from desim_uav.experiment.bench.seeds import SEEDS
 from desim_uav.typed import Within
 
 if TYPE_CHECKING:
     from desim_uav.experiment.bench.leaderboard import Leaderboard
     from desim_uav.experiment.bench.run import Submitted
 
-SEEDS = 32
-"""The most seeds of a track (see ``experiment/bench/tasks.py``)."""
+MOST_EXPORTED = 1024
+"""The most runs of a data set: the number of training worlds."""
 
 
 def bench_list() -> dict[str, Any]:
@@ -34,7 +35,7 @@ def bench_run(
     policy: str | Path | Sequence[str | Path],
     *,
     track: str = "one",
-    seeds: Annotated[int | None, Within(1, SEEDS)] = None,
+    seeds: Annotated[int | None, Within(1, max(SEEDS.values()))] = None,
     name: str | None = None,
     training_steps: Annotated[int | None, Within(1, 10**12)] = None,
     out: str | Path | None = None,
@@ -183,6 +184,58 @@ def bench_board(
     board = Leaderboard.of(submissions, checks)
     board.save(_path(out), _path(figure))
     return board
+
+
+@verb
+def bench_export(
+    task: str,
+    policy: str | Path,
+    *,
+    track: str = "one",
+    seeds: Annotated[int, Within(1, MOST_EXPORTED)] = 8,
+    observation: str | None = None,
+    out: str | Path | None = None,
+    progress: bool = True,
+) -> Path:
+    """Write a Minari data set of a policy's runs, for offline learning.
+
+    In Python, this does what ``desim-uav bench export`` does, and returns the folder.
+
+    Args:
+        task: The task, such as uav-v1/coverage or uav-v1/coverage/small.
+        policy: The policy: a name, a file or a class, as in `run --policy`. In Python, it is named
+            as on the command line, too, because the data set records it.
+        track: The track: the world 0, or training worlds, none of which is a test world.
+        seeds: The number of runs, each of as many episodes as in a submission. Their seeds are
+            those of trainings, from 1000000 on, and not those of submissions.
+        observation: What is observed in the data set, such as radar, with its default settings. By
+            default it is the observation of the task or, if the policy needs one, of the policy.
+        out: The folder of the data set. By default it is a new one in runs/.
+        progress: Show the progress, on a terminal or in a notebook.
+
+    Raises:
+        MissingExtraError: Minari is not installed.
+        DesimError: one of its other subclasses says what is wrong with the task, the policy or an
+            option, before anything is run.
+    """
+    parameters = locals()
+    from desim_uav.api import arguments
+    from desim_uav.experiment.bench.export import export
+    from desim_uav.experiment.bench.submission import place_of
+    from desim_uav.experiment.bench.tasks import ENGINE, find_task, find_track
+    from desim_uav.experiment.command import label_of
+    from desim_uav.experiment.progress import progress as shown
+
+    task_, worlds, name = find_task(task), find_track(track), str(policy)
+    place = place_of(task_, worlds, label_of(name), _path(out))
+    with shown(progress, seeds, "runs", ENGINE) as advance:
+        return export(
+            *(task_, worlds, name, place),
+            seeds=seeds,
+            observation=observation,
+            command=arguments.command_of(bench_export, parameters),
+            on_run=advance,
+        )
 
 
 @verb

@@ -8,6 +8,7 @@ import typer
 
 from desim_uav.api.bench import (
     bench_board,
+    bench_export,
     bench_list,
     bench_reveal,
     bench_run,
@@ -90,6 +91,12 @@ def board(arguments: dict[str, Any], as_json: bool) -> None:
             tell(file)
 
 
+@made(bench_export, NO_PROGRESS, NO_PLUGINS)
+def export(arguments: dict[str, Any], quiet: bool) -> None:
+    """Print the folder of the data set."""
+    tell(bench_export(**arguments))
+
+
 @made(bench_seal)
 def seal(arguments: dict[str, Any]) -> None:
     """Print the seal."""
@@ -103,5 +110,5 @@ def reveal(arguments: dict[str, Any]) -> None:
 
 
 app.command("list", cls=PlainCommand)(list_tasks)
-for command in (run, verify, board, seal, reveal):
+for command in (run, verify, board, export, seal, reveal):
     app.command(cls=PlainCommand)(command)

@@ -107,6 +107,7 @@ LOOKS: dict[str, OptionLook] = {
     "compare.out": OptionLook("FILE.csv", OUTPUT),
     "compare_runs.folders": OptionLook("SCENARIO|RUN…", argument=True, complete=complete_scenarios),
     "bench_run.policy": OptionLook("POLICY", MAKING),
+    "observation": OptionLook("NAME", MAKING),
     "bench_verify.folder": OptionLook("DIR", argument=True),
     "bench_board.folders": OptionLook("DIR…", argument=True),
     "bench_board.out": OptionLook("FILE.md", OUTPUT, ("-o", "--out")),

@@ -29,6 +29,7 @@ def space_row(space: Space) -> SpaceRow:
         setattr(row, name, value)
     row.wind_x_mps, row.wind_y_mps = space.wind
     row.lowest_mps, row.highest_mps = space.cruise_mps
+    row.whole_map = int(space.whole_map)
     prisms = space.prisms
     for name in ("corners_m", "walls", "offsets", "heights_m", "boxes_m", "heads", "members"):
         setattr(row, name, getattr(prisms, name).reshape(-1))

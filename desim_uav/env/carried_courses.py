@@ -113,16 +113,17 @@ def _check_place(at: Point, world: World, ceiling: bool, own: DroneType) -> None
 
 def _check_leg(one: CarriedDrone, free: FreeCarried, world: World, own: DroneType) -> None:
     """Raise ValueError unless a drone is on a leg that takes no longer than it may."""
+    most_s = own.space.most_s(world.step_us / US)
     if one.mode is Mode.FLYING:
         require(one.rest_us > 0, "a leg is over before the episode begins")
-        slowest_mps = math.dist(free[:3], free[3:6]) / (2.0 * world.step_us / US)
+        slowest_mps = math.dist(free[:3], free[3:6]) / (2.0 * most_s)
         require(free.limit_mps >= slowest_mps, "a leg takes more than a step")
         cruises = free.limit_mps < math.inf
         require(own.chooses_cruise or not cruises, "a leg has a limit of speed")
     leg = carried_leg(own.space, int(one.mode), free)
     require(leg.duration_us > one.age_us, "a leg is over before the episode begins")
     if one.mode is Mode.FLYING:
-        require(leg.duration_us <= world.step_us, "a leg takes more than a step")
+        require(leg.duration_us <= most_s * US, "a leg takes more than a step")
 
 
 def _check_home(free: FreeCarried, world: World, ceiling: bool, own: DroneType) -> None:

@@ -188,7 +188,7 @@ class CompiledSession(Session):
         indices, aims = as_commands(self.world.commands.arrays, action)
         if aims is not None:
             calls.aim_all(self._row.addresses, aims, ONE)
-        stopped = calls.step_all(self._row.addresses, indices, ONE, scratch())
+        stopped = calls.step_all(self._row.addresses, indices, ONE, scratch(), 0)
         if stopped < 0:
             raise ActionError(str(out_of_range(indices.tolist(), self.world.actions)))
         if stopped > 0:

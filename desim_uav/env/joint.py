@@ -7,13 +7,14 @@ from typing import Any, cast
 import gymnasium
 import numpy as np
 from gymnasium import error
-from gymnasium.spaces import Box, Discrete, MultiDiscrete, flatten, flatten_space
+from gymnasium.spaces import Discrete, MultiDiscrete
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
 from desim_uav.env.arguments import ArgumentError, of_class, typed
 from desim_uav.env.session import ActionError
 from desim_uav.env.single import UavEnv
+from desim_uav.one_number import InOrder, JointNumber
 
 MOST_JOINT = 10_000
 """The largest number of joint actions, unless an argument says another one."""
@@ -30,15 +31,15 @@ class JointActions(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
     @typed
     def __init__(self, env: gymnasium.Env[Any, Any], most: int = MOST_JOINT) -> None:
         """Wrap an environment. Raises ArgumentError if there are more than ``most`` actions."""
-        self._drones, self._actions = _fleet_of(env, "JointActions")
-        count = self._actions**self._drones
+        self._numbers = JointNumber(*_fleet_of(env, "JointActions"))
+        drones, actions, count = self._numbers.drones, self._numbers.actions, self._numbers.count
         if count > most:
             raise ArgumentError(
-                f"env: {self._drones} drones with {self._actions} actions each have {count:,} "
-                f"joint actions, and at most {most:,} are allowed; InTurn asks drone after drone"
+                f"env: {drones} drones with {actions} actions each have {count:,} joint actions, "
+                f"and at most {most:,} are allowed; InTurn asks drone after drone"
             )
         super().__init__(env)
-        self.action_space = Discrete(count)
+        self.action_space = self._numbers.space()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -51,23 +52,16 @@ class JointActions(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         """Take a joint action. Raises ActionError for a number that is none."""
         if not self.action_space.contains(action):
             raise ActionError(f"action {action!r}: must be a whole number in {self.action_space}")
-        shape = (self._actions,) * self._drones
-        own = np.array(np.unravel_index(int(action), shape))
-        observation, *rest, info = self.env.step(own if self._drones > 1 else int(own[0]))
+        own = self._numbers.split(int(action))
+        observation, *rest, info = self.env.step(np.array(own) if len(own) > 1 else own[0])
         return observation, *rest, self._with_mask(info)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the mask of the joint actions: bool (actions ** drones,)."""
-        return self._joint(cast(UavEnv, self.env.unwrapped).action_masks())
+        return self._numbers.mask(cast(UavEnv, self.env.unwrapped).action_masks())
 
     def _with_mask(self, info: dict[str, Any]) -> dict[str, Any]:
-        return info | {"action_mask": self._joint(info["action_mask"]).view(np.int8)}
-
-    def _joint(self, masks: NDArray[Any]) -> NDArray[np.bool_]:
-        joint = np.ones(1, bool)
-        for own in np.asarray(masks, bool).reshape(self._drones, -1):
-            joint = np.logical_and.outer(joint, own).ravel()
-        return joint
+        return info | {"action_mask": self._numbers.mask(info["action_mask"]).view(np.int8)}
 
 
 class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -88,12 +82,8 @@ class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         """Wrap an environment, whose drones must fly from cell to cell."""
         self._drones, self._actions = _fleet_of(env, "InTurn")
         super().__init__(env)
-        wrapped, more = flatten_space(env.observation_space), self._drones * (1 + self._actions)
-        assert isinstance(wrapped, Box)
-        self.observation_space = Box(
-            np.concatenate([wrapped.low, np.zeros(more)]).astype(np.float32),
-            np.concatenate([wrapped.high, np.ones(more)]).astype(np.float32),
-        )
+        self._order = InOrder(env.observation_space, self._drones, self._actions)
+        self.observation_space = self._order.space
         self.action_space = Discrete(self._actions)
         self._chosen: list[int] = []
         self._seen: Any = None
@@ -134,12 +124,7 @@ class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         return own
 
     def _observation(self) -> NDArray[np.float32]:
-        turns, actions = np.eye(self._drones), np.eye(self._actions)
-        chosen = np.zeros((self._drones, self._actions))
-        chosen[: len(self._chosen)] = actions[self._chosen]
-        wrapped: Any = flatten(self.env.observation_space, self._seen)
-        parts = wrapped, turns[len(self._chosen)], chosen.ravel()
-        return np.concatenate(parts).astype(np.float32)
+        return self._order.observation(self._seen, self._chosen)
 
     def _with_turn(self, info: dict[str, Any]) -> dict[str, Any]:
         turn = len(self._chosen)

@@ -49,6 +49,10 @@ MOST_DRAWN = 128
 """The largest number whose sample paths are drawn at once, because of the memory for drawing."""
 
 
+CACHED = 4 * 2**20
+"""The bytes of all states up to which it is not worth fetching them before they are stepped."""
+
+
 class Many(VectorSaving, Independent):
     """``num_envs`` environments of a scenario, whose outputs are rows of arrays (``outputs``).
 
@@ -226,7 +230,9 @@ class Many(VectorSaving, Independent):
         elif indices.min() < 0 or indices.max() >= len(of_worlds.actions):
             raise ActionError(str(out_of_range(indices.tolist(), of_worlds.actions)))
         begins = self._begins(over) if over.any() else []
-        self._do([*begins, *self._in_shares(_step, indices, ~over)], self._all)
+        state = int(self.sessions[0].engine.memory.nbytes)
+        step = partial(_step, state if state * self.num_envs > CACHED else 0)
+        self._do([*begins, *self._in_shares(step, indices, ~over)], self._all)
 
     def _in_shares(
         self, kernel: Callable[..., int], argument: NDArray[Any], which: Flags
@@ -302,9 +308,9 @@ def shares_of(count: int, threads: int) -> list[slice]:
     return [slice(*pair) for pair in pairwise(bounds)]
 
 
-def _step(rows: NDArray[np.int64], indices: NDArray[np.int64], which: Flags) -> int:
+def _step(fetched: int, rows: NDArray[np.int64], indices: NDArray[np.int64], which: Flags) -> int:
     """Step environments in this thread (see ``calls.step_all``)."""
-    return calls.step_all(rows, indices, which, scratch())
+    return calls.step_all(rows, indices, which, scratch(), fetched)
 
 
 def work_off(left: deque[StepTask]) -> int:

@@ -7,6 +7,7 @@ from os import PathLike
 from typing import Any, Self
 
 import numpy as np
+from gymnasium.spaces import MultiDiscrete, flatten_space
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
@@ -48,8 +49,13 @@ class UavVecEnv(Independent, VecEnv):
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
         curriculum: Curriculum | Sequence[TaskChange] | None = None,
+        one_hot: bool = False,
     ) -> None:
-        """Make the environments; parameters and errors are those of ``UavVectorEnv``.
+        """Make the environments; other parameters and errors are those of ``UavVectorEnv``.
+
+        With ``one_hot``, whole numbers that are observed, as those of ``position`` are, become
+        one-hot vectors in a Box of float32, which RecurrentPPO, ``VecNormalize`` and
+        ``VecFrameStack`` need.
 
         Raises ScenarioError for decisions by event too, because the learners of stable-baselines3
         discount each transition by the same factor.
@@ -61,7 +67,10 @@ class UavVecEnv(Independent, VecEnv):
         self.actions: NDArray[Any] | None = None
         vector = self.vector
         vector.sessions[0].tasks.require_one_discount("stable-baselines3")
-        super().__init__(num_envs, vector.single_observation_space, vector.single_action_space)
+        seen = vector.single_observation_space
+        self._numbers = seen if one_hot and isinstance(seen, MultiDiscrete) else None
+        shown = flatten_space(seen) if self._numbers is not None else seen
+        super().__init__(num_envs, shown, vector.single_action_space)
 
     def reset(self) -> NDArray[Any]:
         """Begin the next episode everywhere, or new runs if ``seed`` has been called."""
@@ -69,7 +78,7 @@ class UavVecEnv(Independent, VecEnv):
         self.reset_infos = self._each(infos)
         self._reset_seeds()
         self._reset_options()
-        return observations
+        return self._shown(observations)
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Store the actions of the next step."""
@@ -87,11 +96,11 @@ class UavVecEnv(Independent, VecEnv):
         last = self._each(all_infos["final_info"]) if ended.any() else []
         for k in ended.nonzero()[0].tolist():
             self.reset_infos[k], infos[k] = infos[k], last[k]
-            infos[k]["terminal_observation"] = all_infos["final_obs"][k]
+            infos[k]["terminal_observation"] = self._shown(all_infos["final_obs"][k])
         cut = np.logical_and(truncated, np.logical_not(terminated)).tolist()
         for k, info in enumerate(infos):
             info["TimeLimit.truncated"] = cut[k]
-        return observations, rewards.astype(np.float32), ended, infos
+        return self._shown(observations), rewards.astype(np.float32), ended, infos
 
     @typed
     def save(self, k: int = 0) -> EnvState:
@@ -111,13 +120,14 @@ class UavVecEnv(Independent, VecEnv):
         for k, info in enumerate(self._each(infos)):
             if has_seed[k]:
                 self.reset_infos[k] = info
-        return observations
+        return self._shown(observations)
 
     @typed
     def fork(self, count: int, k: int = 0) -> Self:
         """Return new environments, this many, in the state of environment k."""
         other = type(self).__new__(type(self))
         other.vector, other.actions = self.vector.fork(count, k), None
+        other._numbers = self._numbers
         VecEnv.__init__(other, count, self.observation_space, self.action_space)
         other.reset_infos = other._each(other.vector.infos(np.ones(count, np.bool_)))
         return other
@@ -152,6 +162,16 @@ class UavVecEnv(Independent, VecEnv):
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         """Return False for each environment, because none is wrapped."""
         return [False for _ in self._get_indices(indices)]
+
+    def _shown(self, observations: NDArray[Any]) -> NDArray[Any]:
+        """Return observations (…, numbers), whole numbers as one-hot vectors if these are shown."""
+        if self._numbers is None:
+            return observations
+        sizes = self._numbers.nvec
+        ones = np.cumsum(sizes) - sizes + (observations - self._numbers.start)
+        shown = np.zeros((*observations.shape[:-1], int(sizes.sum())), np.float32)
+        np.put_along_axis(shown, ones, 1.0, axis=-1)
+        return shown
 
     def _each(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
         """Return the infos as one dict per environment, with Python numbers."""

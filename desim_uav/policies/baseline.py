@@ -72,7 +72,8 @@ class Baseline:
                 ahead.clear()
                 return home
         if not ahead:
-            ahead.extend(self._moves.commands(observation.drone, self._fly(observation)))
+            drone, cell, level = observation.drone, observation.cell, observation.level
+            ahead.extend(self._moves.commands(drone, self._fly(observation), cell, level))
         return ahead.pop()
 
     def _is_low(self, observation: Observation, capacity: float) -> bool:

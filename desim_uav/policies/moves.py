@@ -27,8 +27,8 @@ class Moves(Protocol):
         It is asked only if there is no way at the present level.
         """
 
-    def commands(self, drone: int, action: Action) -> list[Command]:
-        """Return the commands of an action, one for each step that it takes."""
+    def commands(self, drone: int, action: Action, cell: Cell, level: int) -> list[Command]:
+        """Return the commands of an action from a cell, one for each step that it takes."""
 
 
 class CellMoves:
@@ -46,7 +46,7 @@ class CellMoves:
         """Return True: there is a level above each building."""
         return True
 
-    def commands(self, drone: int, action: Action) -> list[Command]:
+    def commands(self, drone: int, action: Action, cell: Cell, level: int) -> list[Command]:
         """Return the index of the action, at the highest speed if there are several."""
         return [self._index[action]]
 
@@ -56,12 +56,12 @@ class FreeMoves:
 
     A drone that starts at the centre of a cell therefore stays on centres, although it is never
     told where in its cell it is. If a step is too short for a move, the move is flown in as many
-    equal parts as it needs. If commands choose a cruise speed or a share
-    of tasks, it is the highest one.
+    equal parts as it needs. If commands are places, each is the next centre. If commands choose a
+    cruise speed or a share of tasks, it is the highest one.
     """
 
-    def __init__(self, world: World) -> None:
-        self._world, self._grid = world, world.grid
+    def __init__(self, world: World, ceiling: bool = False) -> None:
+        self._world, self._grid, self._ceiling = world, world.grid, ceiling
         self._index = fastest_of(world.actions)
 
     def leads(self, drone: int, cell: Cell, level: int, to: Cell) -> bool:
@@ -77,11 +77,15 @@ class FreeMoves:
             for higher in range(level + 1, len(self._grid.levels_m))
         )
 
-    def commands(self, drone: int, action: Action) -> list[Command]:
-        """Return the numbers of the displacement for each step; actions without one are indices."""
+    def commands(self, drone: int, action: Action, cell: Cell, level: int) -> list[Command]:
+        """Return the numbers of the flight for each step; actions without one are indices."""
         if action not in MOVES:
             return [self._index[action]]
         dx, dy, dz = MOVES[action]
+        if self._world.type_of(drone).space.whole_map:
+            highest = self._grid.levels(self._ceiling) - 1
+            there = self._place((cell[0] + dx, cell[1] + dy), min(level + dz, highest))
+            return [self._numbers(drone, self._on_map(there))]
         (side_x, side_y), own = self._grid.cell_m, self._world.type_of(drone)
         space, step_s = own.space, self._world.step_us / US
         length_m = side_x if dx else side_y if dy else self._grid.level_step_m
@@ -92,11 +96,13 @@ class FreeMoves:
         return [self._numbers(drone, [share * one for one in ahead])] * parts
 
     def towards(self, drone: int, start: Point, stop: Point) -> list[float]:
-        """Return the numbers of the displacement that leads a drone from one place to another.
+        """Return the numbers of the command that leads a drone from one place to another.
 
         It leads less far if a step is too short, and it may be blocked by an obstacle.
         """
         space, step_s = self._world.type_of(drone).space, self._world.step_us / US
+        if space.whole_map:
+            return self._numbers(drone, self._on_map(stop))
         ahead, length_m = direction(start, stop)
         if length_m == 0.0:
             return self._numbers(drone, [0.0, 0.0, 0.0])
@@ -116,6 +122,13 @@ class FreeMoves:
         own = self._world.type_of(drone)
         highest = [1.0] * (own.chooses_cruise + bool(own.shares))
         return displacement[: self._world.dimensions] + highest + [-1.0] * own.limited
+
+    def _on_map(self, place: Point) -> list[float]:
+        """Return the numbers from -1 to 1 that name a place on the map."""
+        grid = self._grid
+        low_m, high_m = grid.levels_m[0], grid.levels_m[grid.levels(self._ceiling) - 1]
+        up = 2.0 * (place[2] - low_m) / (high_m - low_m) - 1.0 if high_m > low_m else 0.0
+        return [2.0 * place[0] / grid.width_m - 1.0, 2.0 * place[1] / grid.depth_m - 1.0, up]
 
     def _place(self, cell: Cell, level: int) -> Point:
         return (*self._grid.centre(*cell), self._grid.levels_m[level])
@@ -140,9 +153,9 @@ class EachMoves:
         """Return whether a drone that climbs comes to a level at which it can fly there."""
         return self._of[drone].climbs(drone, cell, level, to)
 
-    def commands(self, drone: int, action: Action) -> list[Command]:
+    def commands(self, drone: int, action: Action, cell: Cell, level: int) -> list[Command]:
         """Return the commands of an action of a drone, one for each step that it takes."""
-        return self._of[drone].commands(drone, action)
+        return self._of[drone].commands(drone, action, cell, level)
 
 
 def moves_of(world: World) -> Moves:

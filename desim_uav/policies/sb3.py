@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib
 import io
-import itertools
 import json
 import re
 import zipfile
@@ -19,12 +18,14 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from desim_uav.commands.given import Command
 from desim_uav.errors import MissingExtraError, PolicyError, in_short
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.state import Observation
 from desim_uav.policies.network_file import are_widths, is_bool, is_width, reason
+from desim_uav.policies.trainings import WRAPPERS, Training, trainings
 from desim_uav.registry import register
 from desim_uav.rowcode.regular_file import opened
 from desim_uav.world import World
@@ -64,7 +65,8 @@ class StableBaselines:
     """Chooses the best allowed actions by a network trained with Stable-Baselines3.
 
     A network that was trained as the controller of all drones (``UavEnv``) chooses their actions
-    jointly. A network that was trained on a single drone's observations flies each drone.
+    jointly, or drone by drone if it was trained so (``InTurn``). A network that was trained on a
+    single drone's observations flies each drone.
     """
 
     ceiling = True
@@ -104,34 +106,32 @@ class StableBaselines:
         if world is self._world:
             return
         world.require_one_type("a network of stable-baselines3")
-        observations, actions, jointly = self._fitting(world)
+        training = self._fitting(world)
+        observations, actions = training.observations, training.actions
         try:
             self._network = _network(self._saved, observations, actions)
         except Exception as error:  # torch and the libraries refuse weights in many ways
             raise PolicyError(f"{self.file}: its weights do not fit: {reason(error)}") from error
         self._dtype = observations.dtype
         self._scores = (CONTINUOUS if world.free else NETWORKS)[self._saved.policy]
-        self._commands = world.commands.of_all("a network")
-        self.act_jointly = self._decide if jointly else None
+        self._choose = training.choose
+        self.act_jointly = self._decide if training.jointly else None
         self._world = world
 
-    def _fitting(self, world: World) -> tuple[Any, Any, bool]:
-        """Return the spaces of the training, and whether they are those of all drones."""
-        from desim_uav.spaces import observation_space, widest
-
-        drones, commands = world.scenario.drone_count, world.commands.of_all("a network")
-        encoding, trained = world.scenario.observation, self._saved.spaces
-        here: dict[Spaces, None] = {}
-        for count, facts in itertools.product((drones, 1), (widest(world), world.facts)):
-            observations = observation_space(encoding.features(facts) * count)
-            actions = commands.space_of(count)
-            spaces = Spaces(_described(observations), _described(actions))
-            if spaces == trained:
-                return observations, actions, count == drones
-            here[spaces] = None
+    def _fitting(self, world: World) -> Training:
+        """Return the training whose spaces are those of the file. Raises PolicyError."""
+        plain: dict[Spaces, None] = {}
+        for training in trainings(world):
+            spaces = Spaces(_described(training.observations), _described(training.actions))
+            if spaces == self._saved.spaces:
+                return training
+            if not training.wrapper:
+                plain[spaces] = None
         raise PolicyError(
-            f"{self.file}: the network was trained on {in_short(_in_words(trained))}; "
-            f"{world.scenario.name} has " + ", or ".join(map(_in_words, here))
+            f"{self.file}: the network was trained on {in_short(_in_words(self._saved.spaces))}; "
+            f"{world.scenario.name} has "
+            + ", or ".join(map(_in_words, plain))
+            + f", or what {WRAPPERS} make of these"
         )
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> Command:
@@ -148,9 +148,13 @@ class StableBaselines:
         assert self._world is not None, "an episode has begun"
         encode, facts = self._world.scenario.observation.encode, self._world.facts
         code = [number for observation in observations for number in encode(observation, facts)]
-        batch, _ = self._network.obs_to_tensor(np.array(code, self._dtype))
-        scores = self._scores(self._network, batch).numpy().reshape(len(observations), -1)
-        return self._commands.best(scores.astype(float), masks)
+        return self._choose(self._scored, np.array(code), masks)
+
+    def _scored(self, observed: NDArray[Any]) -> NDArray[np.float64]:
+        """Return what the network makes of an observation, as numbers in a row."""
+        batch, _ = self._network.obs_to_tensor(observed.astype(self._dtype))
+        scores: NDArray[Any] = self._scores(self._network, batch).numpy().reshape(-1)
+        return scores.astype(float)
 
 
 # ---- what the networks say of actions: (1, drones * actions), the higher the better

@@ -27,6 +27,10 @@ UNBOUNDED = LegBounds(1e9, 1e9, -1e9, 1e9)
 """A map on which no leg from the origin along x ends at an edge."""
 
 
+LONGEST_S = 1e6
+"""A time in which a drone reaches any place on a map."""
+
+
 class Way(NamedTuple):
     """A direction of legs: its unit vector, the wind, and the longest leg of a step in metres."""
 
@@ -94,6 +98,8 @@ class FreeLegs:
     def _way(self, name: str, command: Point, wind: Wind) -> Way:
         """Return the way of a command, with the longest leg that a step and the map allow."""
         limits, step_s = self.limits, self.own.scenario.episode.step_s
+        if self.own.space.whole_map:
+            step_s = LONGEST_S
         target = commanded(limits, wind, ANY_SPEED, UNBOUNDED, step_s, ORIGIN, command)
         ahead, reach_m = direction(ORIGIN, target)
         level, rise = math.hypot(*ahead[:2]), abs(ahead[2])
@@ -166,7 +172,7 @@ class FreeLegs:
         leg = leg_between(self.limits, way.wind, ANY_SPEED, ORIGIN, _end(way, length_m))
         if self.choice is None or cruise_mps == ANY_SPEED:
             return leg
-        step_s = self.own.scenario.episode.step_s
+        step_s = self.own.space.most_s(self.own.scenario.episode.step_s)
         limit_mps = chosen_mps(self.limits, way.wind, cruise_mps, step_s, leg)
         return leg_between(self.limits, way.wind, limit_mps, ORIGIN, _end(way, length_m))
 

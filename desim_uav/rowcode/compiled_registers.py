@@ -1,4 +1,4 @@
-"""What compiled code has in the registers of a processor: copies of rows, and choices."""
+"""What compiled code tells a processor: copies in registers, choices, memory needed soon."""
 
 from __future__ import annotations
 
@@ -82,3 +82,23 @@ def _precedes(typing_context: Any, t_us: Any, key: Any, t_other: Any, other_key:
 
 
 precedes: Any = intrinsic(_precedes)
+
+
+# ---- memory that is needed soon
+
+
+def _prefetch(typing_context: Any, address: Any) -> Any:
+    """Let the processor fetch the cache line at an address, without waiting for it."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        i32, pointer = ir.IntType(32), cgutils.voidptr_t
+        signature = ir.FunctionType(ir.VoidType(), [pointer, i32, i32, i32])
+        fetch = cgutils.get_or_insert_function(builder.module, signature, "llvm.prefetch.p0")
+        line = builder.inttoptr(arguments[0], pointer)
+        builder.call(fetch, [line, i32(0), i32(2), i32(1)])  # data, to be read, second-level cache
+        return context.get_dummy_value()
+
+    return types.none(I64), generate
+
+
+prefetch: Any = intrinsic(_prefetch)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from desim_uav.model.rules import Choice, Mode, share_of
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import (
@@ -189,18 +188,6 @@ def chooses_share(mode: int, share: float, most: float) -> bool:
     One that has no choice takes an action with the highest share, so that there is one only.
     """
     return mode in words.DECIDES or share == most
-
-
-def mask(
-    actions: tuple[Choice, ...], mode: Mode, may_return: bool, may_charge: bool
-) -> tuple[bool, ...]:
-    """Return the mask of a drone in this mode: one entry per action, at least one of them True."""
-    most = max(share_of(each, 0.0) for each in actions)
-    return tuple(
-        is_allowed(int(each), int(mode), may_return, may_charge)
-        and chooses_share(int(mode), share_of(each, most), most)
-        for each in actions
-    )
 
 
 @rule

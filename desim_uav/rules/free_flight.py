@@ -159,6 +159,8 @@ def steer(world: Constants, state: State, drone: Drone) -> int:
     """Begin the leg of a command, which an obstacle may cut short; return its transit's number."""
     course, number = drone.course, drone.type
     limits, wind, lasts_s = limits_of(world, number), wind_of(world, number), world.step_us / US
+    if world.spaces[number].whole_map:
+        lasts_s = np.inf
     lowest, highest = cruise_of(world, number)
     if highest < np.inf:
         limits = no_faster(limits, highest)

@@ -31,7 +31,7 @@ class QoE(RowReward):
     """The weight of QoE1."""
     w3: RewardWeight = 1.0
     """The weight of QoE3."""
-    crash: Annotated[float, Ge(0), Le(1e6)] = 0.0
+    crash: Annotated[float, Ge(0), Le(1e6)] = 10.0
     """What a drone loses in the step in which it crashes."""
     difference: bool = True
     """Whether only what others would not have covered counts. If not, all that the drone does

@@ -22,7 +22,7 @@ def paper_preset(mapping: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(users, list):
         filled["users"] = [_paper_users(own) for own in users]
     filled = _paper_demand(filled)
-    filled = _with_default(filled, "reward", REWARD, "cost_sign", 1.0)
+    filled = _paper_reward(filled)
     learning = mapping.get("learning", {})
     if isinstance(learning, Mapping):
         filled["learning"] = PAPER_LEARNING | dict(learning)
@@ -30,6 +30,14 @@ def paper_preset(mapping: Mapping[str, Any]) -> dict[str, Any]:
             if isinstance(learning.get(key), Mapping):
                 filled["learning"][key] = PAPER_LEARNING[key] | dict(learning[key])
     return filled
+
+
+def _paper_reward(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """``mapping`` with a reward of the paper, R3 unless it names a kind, and the code's sign."""
+    reward = mapping.get("reward", {})
+    if isinstance(reward, Mapping):
+        mapping = {**mapping, "reward": {"kind": "multi_service", **reward}}
+    return _with_default(mapping, "reward", REWARD, "cost_sign", 1.0)
 
 
 def _paper_users(group: object) -> object:

@@ -26,7 +26,7 @@ from desim_uav.model.rewards import Reward
 from desim_uav.model.services import PAPER, Service
 from desim_uav.rules.observations import Position
 from desim_uav.rules.offloading import Always
-from desim_uav.rules.rewards import MultiService
+from desim_uav.rules.qoe_reward import QoE
 from desim_uav.scenario.components import errors
 from desim_uav.scenario.drones import Drones, Types, as_fleet, flies_freely
 from desim_uav.scenario.fields import (
@@ -185,7 +185,7 @@ class Scenario(Section):
     """
     episode: EpisodeKeys = EpisodeKeys()
     """The length of an episode, and how the next one begins."""
-    reward: Annotated[Reward, REWARD] = MultiService()
+    reward: Annotated[Reward, REWARD] = QoE()
     """What a drone is rewarded for at the end of each step."""
     observation: Annotated[Encoding, OBSERVATION] = Position()
     """What a learner sees of its drone."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from desim_uav.model.energy.battery import capacity_of, in_joules
 from desim_uav.model.motion.needs import drawn_uj
+from desim_uav.model.motion.planner import MOST_PLANNING
 from desim_uav.model.motion.wind import rest_in
 from desim_uav.model.rules import US
 from desim_uav.registry import FAULTS
@@ -23,6 +25,7 @@ def shields_hold(scenario: Scenario) -> Iterator[Finding]:
             yield from _battery_lasts(scenario, drones, key, (*path, "battery"))
             if not flies_freely(drones):
                 yield from _ways_are_sure(scenario, key)
+                yield from _ways_are_few(scenario, key)
 
 
 def _battery_lasts(
@@ -50,11 +53,23 @@ def _battery_lasts(
 
 
 def _ways_are_sure(scenario: Scenario, key: KeyPath) -> Iterator[Finding]:
-    """Drones that may err on their way home, and be blocked by others, or too many places."""
+    """Drones that may err on their way home, and be blocked by others."""
     if scenario.position_noise is not None and scenario.on_conflict == "hover_higher_index":
         yield Finding(
             key,
             "not beside position_noise and on_conflict: hover_higher_index, where returns may lead "
             "astray and moves may be blocked, so that no way to a station is sure",
             (("position_noise",), ("on_conflict",)),
+        )
+
+
+def _ways_are_few(scenario: Scenario, key: KeyPath) -> Iterator[Finding]:
+    """More places than returns can be planned from in some minutes."""
+    places = math.prod(scenario.map.cells) * scenario.map.most_levels
+    if places * places > MOST_PLANNING:
+        yield Finding(
+            key,
+            f"ways back from {places:,} places take too long to plan; a map for shielded drones "
+            f"has at most {math.isqrt(MOST_PLANNING):,} places (cells times levels)",
+            (("map", "cells"), ("map", "levels"), ("map", "obstacles")),
         )

@@ -18,6 +18,9 @@ FREE = "drones.motion: space: free"
 
 def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
     """What drones that fly freely cannot do, and what only they can."""
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        if getattr(drones.motion, "reach", "step") == "map" and not flies_freely(drones):
+            yield Finding((*key, "motion", "reach"), f"map needs {FREE}", ((*key, "motion"),))
     if not scenario.free:
         if scenario.map.no_fly:
             yield Finding(
@@ -60,6 +63,12 @@ def _zones_are_cut_soon(scenario: Scenario) -> Iterator[Finding]:
 
 def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Finding]:
     motion: Any = drones.motion
+    if motion.reach == "map" and not scenario.decisions.by_event:
+        yield Finding(
+            (*key, "motion", "reach"),
+            "map needs decisions: event, because a leg to any place may take longer than a step",
+            (("decisions",),),
+        )
     also: tuple[KeyPath, ...] = ((*key, "motion", "space"),)
     if motion.return_timing != "minimum_time":
         yield Finding(

@@ -330,6 +330,10 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "Sequence of str": ["hover"],
         "Sequence of Path": [Path("hover")],
     },
+    "bench_export.task": {"str": "uav-v1/coverage/small"},
+    "bench_export.seeds": {"int": 1},
+    "bench_export.policy": {"str": "hover", "Path": Path("hover")},
+    "observation": {"str": "local", "NoneType": None},
     "bench_run.seeds": {"int": 1, "NoneType": None},
     "bench_run.name": {"str": "mine", "NoneType": None},
     "bench_run.training_steps": {"int": 10, "NoneType": None},
@@ -394,6 +398,8 @@ WITH: dict[str, dict[str, Any]] = {
     "find_bounds": {"scenario": "tiny", "overrides": SHORT, "seeds": 1, "episodes": 1}
     | {"schedule": False},
     "bench_run": {"task": "uav-v1/coverage/small", "policy": "hover", "seeds": 1}
+    | {"out": lambda here: here.place()},
+    "bench_export": {"task": "uav-v1/coverage/small", "policy": "hover", "seeds": 1}
     | {"out": lambda here: here.place()},
     "bench_verify": {"folder": submitted},
     "bench_board": {"folders": lambda here: [submitted(here)]},
@@ -464,6 +470,8 @@ def test_no_kind_is_left_out():
 @pytest.mark.filterwarnings("ignore::desim_uav.DesimWarning")
 def test_every_kind_is_taken(here, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    if name == "bench_export":
+        pytest.importorskip("minari")
     owner = name.partition(".")[0] if "." in name else ""
     for parameter, kind in asked(FUNCTIONS[name]):
         example = of(name, parameter)[kind]

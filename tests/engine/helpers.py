@@ -70,6 +70,7 @@ def strip(
         "stations": {"count": 0 if battery is None else 1, "radius_m": 0, **(stations or {})},
         "users": {"positions_m": users, "mobility": {"kind": "static"}},
         "demand": {"kind": "continuous"},
+        "reward": {"kind": "multi_service"},
         "episode": {"steps": steps, "step_s": 60},
     }
     return build_world(from_mapping(merged(base, changes)), 0)

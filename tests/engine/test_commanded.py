@@ -18,7 +18,6 @@ from desim_uav.experiment.run import play
 from desim_uav.learning.training import Training
 from desim_uav.model.rules import Action, Mode, Variant, actions, free_actions
 from desim_uav.policies.planning.ground import grounds_of
-from desim_uav.rules.decide import mask
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
 from tests.engine.helpers import (
@@ -33,6 +32,7 @@ from tests.engine.random_parts import accepted
 from tests.engine.random_tasks import scenario
 from tests.engine.test_offloading import AWAY, RADIO, ask
 from tests.engine.test_transfers import FAR
+from tests.masks import mask
 from tests.selection import by_default
 from tests.verification.engines import differences, engines
 

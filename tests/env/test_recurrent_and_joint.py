@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
+from gymnasium.spaces import flatten, flatten_space
 from gymnasium.wrappers import FlattenObservation
 
 import desim_uav.env
@@ -74,11 +76,15 @@ def local() -> Any:
     return desim_uav.env.UavVecEnv("case8", 2, LOCAL, world_seed=0)
 
 
+def one_hot() -> Any:
+    return desim_uav.env.UavVecEnv("case8", 2, world_seed=0, one_hot=True)
+
+
 def in_turn() -> Any:
     return vec_env.DummyVecEnv([lambda: InTurn(made())])
 
 
-@pytest.mark.parametrize("make", [flattened, local, in_turn])
+@pytest.mark.parametrize("make", [flattened, one_hot, local, in_turn])
 def test_recurrent_networks_and_wrappers_that_need_a_box(make: Callable[[], Any]):
     small = {**ONCE, "policy_kwargs": {"net_arch": [16], "lstm_hidden_size": 16}}
     contrib.RecurrentPPO("MlpLstmPolicy", make(), **small).learn(31)
@@ -86,9 +92,41 @@ def test_recurrent_networks_and_wrappers_that_need_a_box(make: Callable[[], Any]
         sb3.PPO("MlpPolicy", env, **ONCE).learn(31)
 
 
+def test_one_hot_vectors_are_those_of_gymnasium():
+    """At a reset, at the end of an episode, in a fork and in a copy of a state."""
+    config = {"episode.steps": 3}
+    plain = desim_uav.env.UavVecEnv("case8", 2, config, world_seed=0)
+    shown = desim_uav.env.UavVecEnv("case8", 2, config, world_seed=0, one_hot=True)
+    space = plain.observation_space
+    assert shown.observation_space == flatten_space(space)
+
+    def same(mine: Any, theirs: Any) -> bool:
+        flat = np.array([flatten(space, each) for each in np.atleast_2d(theirs)])
+        return bool((np.atleast_2d(mine) == flat).all())
+
+    assert same(shown.reset(), plain.reset())
+    for step in range(4):
+        actions = np.full((2, 3), step)
+        (mine, *_, infos), (theirs, *_, known) = shown.step(actions), plain.step(actions)
+        assert same(mine, theirs)
+        ends = [
+            (one["terminal_observation"], each["terminal_observation"])
+            for one, each in zip(infos, known, strict=True)
+            if "terminal_observation" in each
+        ]
+        assert len(ends) == (2 if step == 2 else 0)
+        assert all(same(*each) for each in ends)
+    assert same(shown.restore(shown.save(1)), plain.restore(plain.save(1)))
+    one, other = shown.fork(3), plain.fork(3)
+    assert same(one.step(np.zeros((3, 3), int))[0], other.step(np.zeros((3, 3), int))[0])
+
+
 def test_the_default_observation_is_no_box():
     """The how-to says so, and names what to do."""
+    small = {**ONCE, "policy_kwargs": {"net_arch": [16], "lstm_hidden_size": 16}}
     env = vec_env.DummyVecEnv([made])
+    with pytest.raises(TypeError, match="input_size"):
+        contrib.RecurrentPPO("MlpLstmPolicy", env, **small)
     with pytest.raises(ValueError, match="VecNormalize only supports"):
         vec_env.VecNormalize(env)
     with pytest.raises(AssertionError, match="VecFrameStack only works"):

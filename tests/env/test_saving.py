@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from desim_uav import array_file
+from desim_uav.engine.compiled.forks import Forks
 from desim_uav.env import UavEnv, UavParallelEnv, UavVectorEnv
 from desim_uav.errors import StateError
 from tests.env.test_copies import (
@@ -301,3 +302,19 @@ def test_agents_of_a_restored_end_are_none():
     env.reset()
     env.restore(over)
     assert env.agents == []
+
+
+def test_an_environment_goes_on_after_forks_have_got_more_room():
+    """Restoring a state tells the session where the state of its engine is now in memory."""
+    env, twin = (UavEnv("case8", engine="batch", world_seed=0) for _ in range(2))
+    for one in (env, twin):
+        one.reset(seed=3)
+        one.step([0, 2, 4])
+    forks = Forks(env.session.engine, 2)
+    forks.take()
+    for _ in range(3):
+        forks.more_room()
+    env.restore(env.save())
+    for _ in range(4):
+        mine, other = (one.step([1, 4, 0]) for one in (env, twin))
+        assert np.array_equal(mine[0], other[0]) and mine[1:4] == other[1:4]

@@ -412,6 +412,6 @@ def test_too_many_states():
 
 
 def test_a_step_that_drains_nothing():
-    world = strip(battery={"kind": f"{__name__}:Tireless"})
+    world = strip(battery={"kind": f"{__name__}:Tireless"}, **BY_R1)
     with pytest.raises(UsageError, match=r"^drones\.battery: a step drains nothing"):
         explore(DroneProcess(world))

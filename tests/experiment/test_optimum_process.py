@@ -361,6 +361,7 @@ def test_a_battery_of_ones_own(kind):
 def lone(**changes):
     base = {"drones": {"count": 1, "battery": None}, "stations": {"count": 0}}
     base |= {"users": {"mobility": {"kind": "static"}}, "demand": {"kind": "continuous"}}
+    base |= {"reward": {"kind": "multi_service"}}
     return build_world(from_mapping(base | changes), 0)
 
 

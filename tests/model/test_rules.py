@@ -14,8 +14,9 @@ from desim_uav.model.rules import (
     actions,
 )
 from desim_uav.rowcode.rows import Table, blank, fill
-from desim_uav.rules.decide import mask, taken
+from desim_uav.rules.decide import taken
 from desim_uav.rules.rows import Constants, Drone, Move, State
+from tests.masks import mask
 
 GOTO, CHARGE, HOVER = Action.GOTO_CHARGING_STATION, Action.CHARGE, Action.HOVER
 FLAT = ("FORWARD", "BACKWARD", "RIGHT", "LEFT", "HOVER")

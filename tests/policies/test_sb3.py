@@ -18,9 +18,11 @@ import gymnasium
 import numpy as np
 import pandas as pd
 import pytest
+from gymnasium.spaces import MultiDiscrete
+from gymnasium.wrappers import FlattenObservation
 
 from desim_uav import cli
-from desim_uav.env import UavEnv, UavParallelEnv
+from desim_uav.env import InTurn, JointActions, UavEnv, UavParallelEnv
 from desim_uav.env.configure import configured
 from desim_uav.errors import MissingExtraError, PolicyError
 from desim_uav.experiment.run import play, run
@@ -28,6 +30,7 @@ from desim_uav.measures.tally import headline
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy, sb3
 from desim_uav.policies.base import decide, file_of
+from desim_uav.policies.trainings import trainings
 from desim_uav.world import World, build_world
 from tests.env.helpers import BRITTLE
 
@@ -237,6 +240,72 @@ def test_a_pilot_of_the_only_drone_flies_each_of_many(trained: Any):
     assert decide(policy, env.session.snapshot, env.session.world) == expected
 
 
+def wrapped(wrappers: tuple[Callable[[Any], Any], ...], config: dict[str, Any]) -> Any:
+    env: Any = UavEnv("case8", config)
+    for wrapper in wrappers:
+        env = wrapper(env)
+    return env
+
+
+def chosen_by(model: Any, env: Any, seen: Any) -> tuple[list[int], Any]:
+    """What a model lets all drones do, from its environment, which it steps; and what is next."""
+    n, drones = 9, env.unwrapped.drones
+    if isinstance(env, InTurn):
+        actions = []
+        for _ in range(drones):
+            (action,) = predicted(model, seen, env.action_masks())
+            actions.append(int(action))
+            seen, _, *over, _ = env.step(actions[-1])
+        return actions, (seen, any(over))
+    masks = env.get_wrapper_attr("action_masks")()
+    actions = predicted(model, seen, masks).tolist()
+    seen, _, *over, _ = env.step(actions if len(actions) > 1 else actions[0])
+    if len(actions) == 1:
+        actions = [actions[0] // n**k % n for k in reversed(range(drones))]
+    return actions, (seen, any(over))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("config", [POSITION, TWO], ids=["position", "local"])
+@pytest.mark.parametrize(
+    ("algorithm", "wrappers"),
+    [
+        ("DQN", (JointActions,)),
+        ("QRDQN", (FlattenObservation, JointActions)),
+        ("MaskablePPO", (JointActions,)),
+        ("DQN", (InTurn,)),
+        ("MaskablePPO", (InTurn,)),
+        ("PPO", (FlattenObservation,)),
+    ],
+)
+def test_networks_that_were_trained_on_wrappers_fly(
+    algorithm: str, wrappers: Any, config: dict[str, Any], trained: Any
+):
+    """They command what they would choose in their environment, if masks are heeded."""
+    model, file = trained(algorithm, wrapped, wrappers, config)
+    env, flown = wrapped(wrappers, config), UavEnv("case8", config)
+    policy = loaded(file, flown.session.world)
+    assert policy.act_jointly is not None
+    (seen, _), _ = env.reset(seed=5), flown.reset(seed=5)
+    over, different = False, set()
+    while not over:
+        commands = decide(policy, flown.session.snapshot, flown.session.world)
+        mine, (seen, over) = chosen_by(model, env, seen)
+        assert commands == mine
+        different.add(tuple(mine))
+        flown.step(np.array(commands))
+    assert len(different) > 1
+
+
+def test_so_many_joint_actions_that_no_network_has_them():
+    """Their number would not fit into a space either."""
+    world = build_world(configured("case8", {**LOCAL, "drones.count": 25}), 0)
+    assert {str(each.actions) for each in trainings(world)} == {
+        str(MultiDiscrete([9] * 25)),
+        "Discrete(9)",
+    }
+
+
 @pytest.mark.parametrize(
     ("algorithm", "settings"),
     [
@@ -363,7 +432,8 @@ def test_a_misfit_says_what_was_trained_and_what_the_scenario_has(tiny: Path):
         f"{tiny}: the network was trained on observations MultiDiscrete[3, 3] "
         "and actions Discrete[5]; "
         f"case8 has observations MultiDiscrete[{one}, {one}, {one}] and actions "
-        f"MultiDiscrete[9, 9, 9], or observations MultiDiscrete[{one}] and actions Discrete[9]"
+        f"MultiDiscrete[9, 9, 9], or observations MultiDiscrete[{one}] and actions Discrete[9], or "
+        "what FlattenObservation, JointActions and InTurn make of these"
     )
 
 

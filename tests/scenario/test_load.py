@@ -17,6 +17,7 @@ from desim_uav.model.mobility.mobility import RandomWalk
 from desim_uav.model.motion.motion import BangCoastBang
 from desim_uav.model.services import PAPER
 from desim_uav.rules.observations import Position
+from desim_uav.rules.qoe_reward import QoE
 from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.learning import Schedule
@@ -341,16 +342,28 @@ def test_schedules_over_the_episodes(text: str, values: list[float]) -> None:
     assert [schedule.at(episode) for episode in (0, 1, 10)] == pytest.approx(values)
 
 
+def test_the_default_reward_is_for_qoe_and_that_of_the_paper_for_its_code() -> None:
+    """The nine cases and the scenarios that were trained with R3 name their rewards."""
+    assert loads("{}").reward == loads("reward: {kind: qoe}").reward == QoE(crash=10.0)
+    assert loads("preset: paper").reward == MultiService(cost_sign=1.0)
+    own = loads("{preset: paper, reward: {low_battery: 0.3}}").reward
+    assert own == MultiService(cost_sign=1.0, low_battery=0.3)
+    assert loads("{preset: paper, reward: {kind: coverage}}").reward == Coverage()
+    for number in range(1, 10):
+        assert "\nreward: " in shipped.scenario_path(f"case{number}").read_text(encoding="utf-8")
+
+
 def test_rewards_weigh_services_there_are() -> None:
-    scenario = loads("reward: {services: {throughput: 1, edge_computing: 0}}")
+    scenario = loads("reward: {kind: multi_service, services: {throughput: 1, edge_computing: 0}}")
     assert scenario.reward == MultiService(services={"throughput": 1, "edge_computing": 0})
     assert loads(dump(scenario)) == scenario
     video = "services: {video: {duration_min: [1], bandwidth_kbps: [5]}}, demand: {mix: {video: 1}}"
-    assert loads(f"{{{video}}}").reward == MultiService(), "the default may name others"
-    own = loads(f"{{{video}, reward: {{services: {{video: 0.5}}}}}}")
+    usual = loads(f"{{{video}, reward: {{kind: multi_service}}}}")
+    assert usual.reward == MultiService(), "the default may name others"
+    own = loads(f"{{{video}, reward: {{kind: multi_service, services: {{video: 0.5}}}}}}")
     assert own.reward.services == {"video": 0.5}
     assert "reward.services.throughput: 1: no such service" in refusal(
-        f"{{{video}, reward: {{services: {{throughput: 1}}}}}}"
+        f"{{{video}, reward: {{kind: multi_service, services: {{throughput: 1}}}}}}"
     )
 
 

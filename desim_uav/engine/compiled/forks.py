@@ -96,7 +96,7 @@ class Forks:
             if aims.shape != (*shape, AIMS):
                 raise ValueError(f"aims must have the shape {(*shape, AIMS)}, not {aims.shape}")
             calls.aim_all(self.table, aims, going)
-        stopped = calls.step_all(self.table, commands, going, scratch())
+        stopped = calls.step_all(self.table, commands, going, scratch(), 0)
         if stopped < 0:
             raise ValueError(f"commands must be from 0 to {len(self.engine.world.actions) - 1}")
         return stopped
@@ -104,7 +104,9 @@ class Forks:
     def more_room(self) -> None:
         """Double the buffers of the engine, because forks have run out of them; its state stays.
 
-        All forks must then be taken anew. Raises SimulationError if a component of one's own has
+        All forks must then be taken anew. The state of the engine moves in memory, of which a
+        session of it must be told (``CompiledSession.write_to``), or its environment must restore a
+        state. Raises SimulationError if a component of one's own has
         stopped a fork.
         """
         faults = [calls.faults_of(address) for address in self.table[:, 2].tolist()]

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from desim_uav import escaped
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench.bounds import has_bound
+from desim_uav.experiment.bench.commands import decisions_sha256
 from desim_uav.experiment.bench.kept import bound_of, reference_of
-from desim_uav.experiment.bench.measure import decisions_sha256
 from desim_uav.experiment.bench.receipts import CLAIMED, NO_CHECKS, digest_of
 from desim_uav.experiment.bench.score import (
     Interval,
@@ -243,7 +243,8 @@ def _section(table: dict[str, Any]) -> str:
             f"`python analysis/bench_references.py {table['task']}` computes them.\n\n"
         )
     elif not table["bounded"]:
-        heading += "No bound is proven for this task's model, so a score of 1 means 100 %.\n\n"
+        heading += "No bound is proven for this task's model, so a score of 1 means the best value "
+        heading += "that any run could have.\n\n"
     labels = [KNOWN[name].label for name in table["measures"]]
     lines = (_line(row, table["measures"]) for row in table["rows"])
     return heading + _table((*BEFORE, *labels, *AFTER), lines)

@@ -32,6 +32,9 @@ COLUMNS = ("task", "track", "seed", "measure", "value")
 REFERENCE = "baseline"
 """The policy with the score 0."""
 
+FILES, NEXT = "files", "next_files"
+"""What the registry has of these files: their hashes and, while they are written, the next ones."""
+
 Key = tuple[str, str, int, str]
 """A task, a track, a seed and a measure."""
 
@@ -48,13 +51,26 @@ def bound_of(task: Task, track: BenchTrack, seed: int) -> dict[str, float]:
 
 def kept(name: str, folder: Path) -> Mapping[Key, float]:
     """Return all values of a file. Raises ScenarioError if it is not the one of the registry."""
-    return _read(folder / name, _registry(folder)["files"].get(name))
+    registry = _registry(folder)
+    digests = {of[name] for of in (registry[FILES], registry.get(NEXT, {})) if name in of}
+    if name not in registry[FILES] and not (folder / name).exists():
+        return {}  # an interruption came before it was written for the first time
+    return _read(folder / name, frozenset(digests))
 
 
 def complete(
-    chosen: Sequence[Task], tracks: Sequence[BenchTrack], jobs: int, *, anew: bool = False
+    chosen: Sequence[Task],
+    tracks: Sequence[BenchTrack],
+    jobs: int,
+    *,
+    anew: bool = False,
+    seeds: int | None = None,
 ) -> None:
-    """Compute the references and bounds that are not kept, or all ``anew``, and write them."""
+    """Compute the references and bounds that are not kept, or all ``anew``, and write them.
+
+    Of each track only the first ``seeds`` are computed. What was computed before an interruption is
+    written.
+    """
     folder = folder_of(tracks[0])
     values = {name: dict(kept(name, folder)) for name in (REFERENCES, BOUNDS)}
     there = {key[:3] for key in values[REFERENCES]}
@@ -62,20 +78,23 @@ def complete(
         (task, track, seed)
         for task in chosen
         for track in tracks
-        for seed in track.seeds
+        for seed in track.seeds[:seeds]
         if anew or (task.name, track.name, seed) not in there
     ]
     left = len(work)
-    with closing(run_each(computed, work, jobs)) as ended:
-        for number, parts in ended:
-            task, track, seed = work[number]
-            for name, part in parts.items():
-                run = (task.name, track.name, seed)
-                values[name] |= {(*run, measure): value for measure, value in part.items()}
-            left -= 1
-            if left % 16 == 0:
-                write(folder, values)
-                print(f"{left} runs are left", file=sys.stderr)
+    try:
+        with closing(run_each(computed, work, jobs)) as ended:
+            for number, parts in ended:
+                task, track, seed = work[number]
+                for name, part in parts.items():
+                    run = (task.name, track.name, seed)
+                    values[name] |= {(*run, measure): value for measure, value in part.items()}
+                left -= 1
+                if left % 16 == 0:
+                    print(f"{left} runs are left", file=sys.stderr)
+    finally:
+        if left < len(work):
+            write(folder, values)
 
 
 def computed(task: Task, track: BenchTrack, seed: int) -> dict[str, dict[str, float]]:
@@ -86,19 +105,34 @@ def computed(task: Task, track: BenchTrack, seed: int) -> dict[str, dict[str, fl
 
 
 def write(folder: Path, values: Mapping[str, Mapping[Key, float]]) -> None:
-    """Write the files in the order of tasks, tracks and seeds, and their hashes."""
-    order, registry = list(tasks()), _registry(folder)
-    for name, those in values.items():
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for key in sorted(those, key=lambda key: (order.index(key[0]), *key[1:])):
-            writer.writerow([*key, repr(those[key])])
-        content = text.getvalue().encode()
+    """Write the files in the order of tasks, tracks and seeds, and their hashes.
+
+    The registry allows the old and the new files while they are written, so that an interruption
+    leaves a set that can be read.
+    """
+    registry = _registry(folder)
+    contents = {name: _content(those) for name, those in values.items()}
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
+    _write_registry(folder, registry | {NEXT: digests})
+    for name, content in contents.items():
         write_at(folder / name, content)
-        registry["files"][name] = hashlib.sha256(content).hexdigest()
-    write_at(folder / REGISTRY, (json.dumps(registry, indent=1) + "\n").encode())
+    registry.pop(NEXT, None)
+    _write_registry(folder, registry | {FILES: registry[FILES] | digests})
     _read.cache_clear()
+
+
+def _content(those: Mapping[Key, float]) -> bytes:
+    """Return the values of a file as CSV."""
+    order, text = list(tasks()), io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for key in sorted(those, key=lambda key: (order.index(key[0]), *key[1:])):
+        writer.writerow([*key, repr(those[key])])
+    return text.getvalue().encode()
+
+
+def _write_registry(folder: Path, registry: Mapping[str, Any]) -> None:
+    write_at(folder / REGISTRY, (json.dumps(registry, indent=1) + "\n").encode())
 
 
 def folder_of(track: BenchTrack) -> Path:
@@ -118,11 +152,11 @@ def _of_run(name: str, task: Task, track: BenchTrack, seed: int) -> dict[str, fl
 
 
 @cache
-def _read(file: Path, digest: str | None) -> dict[Key, float]:
-    if digest is None:
+def _read(file: Path, digests: frozenset[str]) -> dict[Key, float]:
+    if not digests:
         return {}
     content = file.read_bytes()
-    if hashlib.sha256(content).hexdigest() != digest:
+    if hashlib.sha256(content).hexdigest() not in digests:
         raise ScenarioError(
             f"{file}: it is frozen and has been changed: its hash is not that in {REGISTRY}"
         )

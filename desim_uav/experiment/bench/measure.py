@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from desim_uav.commands.given import Command
 from desim_uav.engine.episode import Engine
+from desim_uav.errors import PolicyError
+from desim_uav.experiment.bench import commands as kept
+from desim_uav.experiment.bench.commands import Commands
 from desim_uav.experiment.bench.present import Present
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, BenchTrack, Task
 from desim_uav.experiment.evaluate import replicated
@@ -26,13 +28,11 @@ from desim_uav.policies.base import as_seen, decide_by, show
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
-TimedCommands = NDArray[np.int8]
-"""Of a seed: (episodes, steps, drones), indices of actions; NONE where no step was taken."""
-
-NONE = -1
-
-MEASURES = (*ALWAYS, "j_per_mbit", "fairness", "worst_tenth_qoe1_percent")
-"""The measures of a row that follow from the commands; not all tasks have energy."""
+MEASURES = (
+    *(*ALWAYS, "j_per_mbit", "fairness", "worst_tenth_qoe1_percent", "deadlines_met_percent"),
+    *("completion_s", "age_s", "worst_age_s", "outage_s"),
+)
+"""The measures of a row that follow from the commands; tasks have those that their model has."""
 
 DIGESTED = {
     "requests": (
@@ -49,7 +49,7 @@ class Measured:
     """What a policy achieved on a seed, and its commands."""
 
     row: dict[str, Any]
-    commands: TimedCommands
+    commands: Commands
 
 
 class Recorder:
@@ -102,16 +102,13 @@ class Recorder:
         commands = decide_by(self.policy, observations, masks, self._world)
         self.spent_s += time.process_time() - since_s
         self.decisions += 1
-        self.episodes[-1].append(commands)
+        pairs = zip(commands, masks, strict=True)
+        self.episodes[-1].append([_with_a_choice(*pair) for pair in pairs])
         return commands
 
-    def commands(self, steps: int, drones: int) -> TimedCommands:
-        """Return all commands so far."""
-        noted = np.full((len(self.episodes), steps, drones), NONE, np.int8)
-        for episode, rows in enumerate(self.episodes):
-            if rows:
-                noted[episode, : len(rows)] = rows
-        return noted
+    def commands(self, world: World) -> Commands:
+        """Return all commands so far; where a drone had no choice, its only action."""
+        return kept.noted(self.episodes, world)
 
     @property
     def decision_ms(self) -> float:
@@ -120,23 +117,42 @@ class Recorder:
 
 
 class Replayer:
-    """Gives the commands of a submission again. Raises ValueError where there is none."""
+    """Gives the commands of a submission again. Raises ValueError where there are none."""
 
-    def __init__(self, commands: TimedCommands, ceiling: bool) -> None:
+    def __init__(self, commands: Commands, ceiling: bool) -> None:
         self._commands, self.ceiling = commands, ceiling
-        self._episode = -1
+        self._episodes: Iterator[list[list[Command]]] | None = None
+        self._left: Iterator[list[Command]] = iter(())
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Go on to the next episode."""
-        self._episode += 1
-        self._actions = len(world.actions)
+        self.end()
+        if self._episodes is None:
+            self._episodes = kept.given(self._commands, world)
+        self._left = iter(next(self._episodes))
+
+    def end(self) -> None:
+        """Raise PolicyError if commands of the present episode are left."""
+        if next(self._left, None) is not None:
+            raise PolicyError("the commands have more decision epochs than an episode")
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int | Sequence[float]:
-        """Return the command of one drone."""
-        command = int(self._commands[self._episode, observation.step, observation.drone])
-        if not 0 <= command < self._actions:
-            raise ValueError(f"the commands have {command} for drone {observation.drone}")
-        return command
+        """Return the action of one drone; episodes call ``act_jointly``."""
+        raise TypeError("a replay commands all drones at once; call act_jointly")
+
+    def act_jointly(
+        self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
+    ) -> Sequence[Command]:
+        """Return the commands of the next decision epoch."""
+        commands = next(self._left, None)
+        if commands is None:
+            raise ValueError("the commands have fewer decision epochs than an episode")
+        return commands
+
+
+def _with_a_choice(command: Command, mask: Sequence[bool]) -> Command:
+    """Return a command, or the only action that a mask allows."""
+    return list(mask).index(True) if sum(mask) == 1 else command
 
 
 def knows_future(policy: object) -> bool:
@@ -156,14 +172,19 @@ def measure(task: Task, track: BenchTrack, policy: str, seed: int) -> Measured:
         "digest": digest(results),
         "decision_ms": recorder.decision_ms,
     }
-    return Measured(row, recorder.commands(scenario.episode.steps, scenario.drone_count))
+    return Measured(row, recorder.commands(world))
 
 
 def replay(
-    task: Task, track: BenchTrack, seed: int, commands: TimedCommands, ceiling: bool
+    task: Task, track: BenchTrack, seed: int, commands: Commands, ceiling: bool
 ) -> dict[str, Any]:
-    """Give the commands of a submission again, and return its row without times."""
-    world, results = _run(task, track, seed, Replayer(commands, ceiling), "the submission")
+    """Give the commands of a submission again, and return its row without times.
+
+    Raises DesimError if they do not fit the run.
+    """
+    replayer = Replayer(commands, ceiling)
+    world, results = _run(task, track, seed, replayer, "the submission")
+    replayer.end()
     values = measures(results, world.scenario)
     return {"world_seed": world.seed, **values, "digest": digest(results)}
 
@@ -175,7 +196,7 @@ def replayed(scenario: Scenario) -> tuple[str, ...]:
 
 def measures(results: Results, scenario: Scenario) -> dict[str, float | None]:
     """Return the measures of the counted episodes of a run."""
-    found = headline(results.requests, results.episodes)
+    found = headline(results.requests, results.episodes, results.sensors)
     return replicated(found, scenario, replayed(scenario))
 
 
@@ -188,18 +209,6 @@ def digest(results: Results) -> str:
             values = frame[column].to_numpy(dtype=np.float64, na_value=np.nan)
             sha256.update(f"{name}.{column}:{len(values)};".encode())
             sha256.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
-    return sha256.hexdigest()
-
-
-def decisions_sha256(commands: Sequence[TimedCommands]) -> str:
-    """Return the SHA-256 of what a policy decided in its runs, in the order of the seeds.
-
-    Trainings that decide the same in all runs are one training, whatever their files look like.
-    """
-    sha256 = hashlib.sha256()
-    for each in commands:
-        sha256.update(repr(each.shape).encode())
-        sha256.update(np.ascontiguousarray(each, "<i1").tobytes())
     return sha256.hexdigest()
 
 

@@ -11,10 +11,10 @@ from typing import Any
 
 from desim_uav.errors import UsageError
 from desim_uav.experiment.bench import submission
+from desim_uav.experiment.bench.commands import decisions_sha256
 from desim_uav.experiment.bench.measure import (
     Measured,
     Recorder,
-    decisions_sha256,
     knows_future,
     measure,
 )

@@ -55,7 +55,12 @@ class Scored:
 
 
 QOE = (Scored("qoe1_percent", 100.0), Scored("qoe3_percent", 100.0))
-SCORED: Mapping[str, Sequence[Scored]] = dict.fromkeys(FAMILIES, QOE)
+SCORED: Mapping[str, Sequence[Scored]] = dict.fromkeys(FAMILIES, QOE) | {
+    "edge": (Scored("deadlines_met_percent", 100.0),),
+    "harvest": (Scored("age_s", 0.0),),
+    "handover": (*QOE, Scored("outage_s", 0.0)),
+    "dispatch": (*QOE, Scored("qoe2_iterations", 0.0)),
+}
 """The measures that count in the score of a task, by family; each has the same weight."""
 
 CRASHES, PRICE = "crashes_per_drone_episode", 1.0

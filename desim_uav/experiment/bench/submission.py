@@ -14,13 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field
 
 from desim_uav.array_file import Stored, pack
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.bench.measure import NONE, Measured, TimedCommands, replayed
+from desim_uav.experiment.bench import commands as kept
+from desim_uav.experiment.bench.commands import ARRAYS, Commands
+from desim_uav.experiment.bench.measure import Measured, replayed
 from desim_uav.experiment.bench.score import CRASHES, measures_of
 from desim_uav.experiment.bench.tasks import (
     BENCHMARK,
@@ -33,8 +34,9 @@ from desim_uav.experiment.bench.tasks import (
 from desim_uav.report.json_file import Form, read_json
 from desim_uav.rowcode.regular_file import text_of
 from desim_uav.run_folder import RunPlace
+from desim_uav.scenario.epochs import most_epochs
 
-FORMAT = 1
+FORMAT = 2
 
 MOST_BYTES = 2**24
 ROWS, COMMANDS, MANIFEST = "rows.csv", "commands.npz", "manifest.json"
@@ -57,7 +59,7 @@ class OfTraining(Form):
 class About(Form):
     """What a submission says of itself, without its versions and times."""
 
-    format: Literal[1]
+    format: Literal[2]
     benchmark: Literal["uav-v1"]
     task: SubmissionText
     track: SubmissionText
@@ -98,19 +100,19 @@ class Submission:
     task: Task
     track: BenchTrack
     rows: Sequence[Mapping[str, Any]]
-    commands: Sequence[TimedCommands]
+    commands: Sequence[Commands]
 
 
 def write(place: RunPlace, manifest: dict[str, Any], measured: Sequence[Measured]) -> Path:
     """Write the folder of a submission completely or not at all, and return its place."""
-    commands = np.stack([one.commands for one in measured])
+    commands = kept.joined([one.commands for one in measured])
     form = {"format": FORMAT, "seeds": manifest["seeds"]}
     with place.draft() as draft:
         draft.write_json(MANIFEST, manifest)
         rows = [one.row for one in measured]
         columns = columns_of(find_task(manifest["task"]))
         draft.write_text(ROWS, as_csv(rows, columns))
-        draft.write_bytes(COMMANDS, pack(form, commands=commands))
+        draft.write_bytes(COMMANDS, pack(form, **commands))
         return place.publish(draft)
 
 
@@ -212,25 +214,20 @@ def _value(name: str, text: str | None) -> Any:
     return value
 
 
-def _read_commands(folder: Path, about: About, task: Task) -> list[TimedCommands]:
+def _read_commands(folder: Path, about: About, task: Task) -> list[Commands]:
     file = folder / COMMANDS
     verify(file)
-    stored = Stored(file, "file of commands", ["commands"], FORMAT)
+    stored = Stored(file, "file of commands", list(ARRAYS), FORMAT)
     scenario = task.scenario(TRACKS[about.track])
-    episodes, steps = about.warmup + about.episodes, scenario.episode.steps
-    expected = (len(about.runs), episodes, steps, scenario.drone_count)
-    form = stored.forms["commands"]
-    if form.dtype != np.int8 or form.shape != expected:
-        raise PolicyError(
-            f"{file}: commands must be int8 of shape {expected} (rows, episodes, steps, drones), "
-            f"not {form.dtype} of shape {form.shape}"
-        )
+    shape = (len(about.runs), about.warmup + about.episodes)
+    try:
+        kept.require_forms(stored.forms, shape, most_epochs(scenario) + 1, scenario.drone_count)
+        commands = kept.parted(stored.arrays())
+    except ValueError as error:
+        raise PolicyError(f"{file}: {error}") from error
     if stored.about.get("seeds") != about.seeds:
         raise PolicyError(f"{file}: its seeds are not those of {MANIFEST}")
-    commands = stored.arrays()["commands"]
-    if commands.min() < NONE:
-        raise PolicyError(f"{file}: a command is less than {NONE}")
-    return list(commands)
+    return commands
 
 
 def place_of(task: Task, track: BenchTrack, name: str, out: Path | None) -> RunPlace:

@@ -15,6 +15,7 @@ from typing import Any
 
 from desim_uav.env.tasks import WORLDS
 from desim_uav.errors import ScenarioError, UsageError, did_you_mean
+from desim_uav.experiment.bench.seeds import SEEDS
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import bench_folder
@@ -23,16 +24,16 @@ BENCHMARK = "uav-v1"
 REGISTRY = "registry.json"
 """The file with the hashes of all scenarios, and of the references and bounds."""
 
-FAMILIES = ("coverage", "multi-service", "rush", "swarm", "urban", "endurance")
+FAMILIES = (
+    *("coverage", "multi-service", "urban", "endurance"),
+    *("edge", "harvest", "handover", "dispatch"),
+)
 SIZES = ("small", "medium", "large")
 USUAL = "medium"
 """The size of a task whose name has no size."""
 
 EPISODES, WARMUP = 16, 4
 """The counted episodes of a seed, and those of warm-up before them."""
-
-SEEDS = {"one": 10, "any": 32}
-"""The number of seeds by track: in track any each has a world of its own."""
 
 ENGINE = "batch"
 TRAINING_SEEDS = 10

@@ -10,15 +10,15 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from typing import Any
 
-import numpy as np
-
 from desim_uav.errors import DesimError
+from desim_uav.experiment.bench.commands import Commands, decisions_sha256
 from desim_uav.experiment.bench.kept import bound_of
-from desim_uav.experiment.bench.measure import TimedCommands, decisions_sha256, measure, replay
+from desim_uav.experiment.bench.measure import measure, replay
 from desim_uav.experiment.bench.run import about
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, BenchTrack, Task
 from desim_uav.experiment.processes import run_each
+from desim_uav.measures.known import KNOWN
 
 FIXED = {"engine": ENGINE, "episodes": EPISODES, "warmup": WARMUP}
 OF_POLICY = ("information", "knows_future", "ceiling")
@@ -59,7 +59,7 @@ def of_seed(
     task: Task,
     track: BenchTrack,
     row: Mapping[str, Any],
-    commands: TimedCommands,
+    commands: Commands,
     ceiling: bool,
     policy: str | None = None,
 ) -> list[str]:
@@ -77,12 +77,12 @@ def of_seed(
     ]
     lines += [f"{run}: {line}" for line in _of_bound(task, track, row)]
     if policy is not None:
-        now = measure(task, track, policy, seed).commands
-        if not np.array_equal(now, commands):
-            episode, step, drone = (int(each[0]) for each in np.nonzero(now != commands))
+        unlike = measure(task, track, policy, seed).commands.first_unlike(commands)
+        if unlike is not None:
+            episode, epoch, drone = unlike
             lines.append(
                 f"{run}: commands: the policy decides otherwise, first in episode "
-                f"{episode - WARMUP}, step {step}, for drone {drone}"
+                f"{episode - WARMUP}, at decision epoch {epoch}, for drone {drone}"
             )
     return lines
 
@@ -90,9 +90,9 @@ def of_seed(
 def _of_bound(task: Task, track: BenchTrack, row: Mapping[str, Any]) -> Sequence[str]:
     """Return the proven bounds that a row exceeds, which shows a defect of one of the two."""
     return [
-        f"{name}: {row[name]!r} exceeds the proven bound {bound!r}"
+        f"{name}: {row[name]!r} is better than the proven bound {bound!r}"
         for name, bound in bound_of(task, track, row["seed"]).items()
-        if row[name] > bound
+        if KNOWN[name].verdict(row[name] - bound) == "better"
     ]
 
 

@@ -32,7 +32,8 @@ def step_leg(
 ) -> tuple[FreeLeg, bool]:
     """Return the leg that a command asks for in a step, and whether an obstacle cuts it short.
 
-    The leg takes at most ``lasts_s``; the drone hovers for what remains. A way that would enter a
+    The leg takes at most ``lasts_s``; the drone hovers for what remains. If this is infinite, the
+    command is any place on the map. A way that would enter a
     grown obstacle ends where it would: at least a margin before the obstacle itself.
     """
     target = commanded(limits, wind, cruise_mps, bounds, lasts_s, at, command)

@@ -115,20 +115,28 @@ def commanded(
     at: Point,
     command: Point,
 ) -> Point:
-    """Return the target of a command: a place on the map that can be reached within a step.
+    """Return the target of a command: a place on the map that can be reached within a time.
 
-    The direction is that of the command, after its horizontal and its vertical part are multiplied
-    by the lengths of the longest level and vertical flights without wind. The length is a share of
-    the longest flight in this direction (with wind): the larger one of the length of (x, y) and the
-    size of z, and at most 1. So a command with the share 1 takes the whole step. A target off the
-    map is moved to the nearest place on it. If this place cannot be reached in a step, because it
-    is in another direction, the leg ends where the step ends.
+    If the time is infinite, the numbers of the command are the place itself, from -1 at the lowest
+    coordinate of the map to 1 at the highest one.
+
+    Otherwise the direction is that of the command, after its horizontal and its vertical part are
+    multiplied by the lengths of the longest level and vertical flights without wind. The length is
+    a share of the longest flight in this direction (with wind): the larger one of the length of
+    (x, y) and the size of z, and at most 1. So a command with the share 1 takes the whole time. A
+    target off the map is moved to the nearest place on it. If this place cannot be reached in the
+    time, because it is in another direction, the leg ends where the time ends.
     """
     x, y, z = (
         _clip(command[0], -1.0, 1.0),
         _clip(command[1], -1.0, 1.0),
         _clip(command[2], -1.0, 1.0),
     )
+    if lasts_s == np.inf:
+        target = _on_map(bounds, x, y, z)
+        ahead, length = direction(at, target)
+        most = reach_along(limits, wind, cruise_mps, ahead, lasts_s) if length > 0.0 else 0.0
+        return target if length <= most else at
     level = reach_m(min(limits.level_mps, cruise_mps), limits.level_mps2, lasts_s)
     climb = limits.climb_mps if z > 0.0 else limits.descent_mps
     vertical = reach_m(min(climb, cruise_mps), limits.vertical_mps2, lasts_s)
@@ -145,6 +153,16 @@ def commanded(
     ahead, length = direction(at, target)
     most = reach_along(limits, wind, cruise_mps, ahead, lasts_s) if length > 0.0 else 0.0
     return target if length <= most else along(at, target, most / length)
+
+
+@part
+def _on_map(bounds: LegBounds, x: float, y: float, z: float) -> Point:
+    """Return the place of three numbers from -1 to 1."""
+    return (
+        0.5 * (x + 1.0) * bounds.width_m,
+        0.5 * (y + 1.0) * bounds.depth_m,
+        bounds.lowest_m + 0.5 * (z + 1.0) * (bounds.highest_m - bounds.lowest_m),
+    )
 
 
 @part

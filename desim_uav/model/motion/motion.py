@@ -159,7 +159,9 @@ class BangCoastBang:
     that the command chooses (see ``model.free``).
     """
 
-    later: ClassVar = ("cruise", "space", "climb_mps", "descent_mps", "vertical_mps2", "margin_m")
+    later: ClassVar = (
+        *("cruise", "space", "reach", "climb_mps", "descent_mps", "vertical_mps2", "margin_m"),
+    )
 
     max_speed_mps: Annotated[float, Ge(0.001), Le(1000)] = 8.3
     """The highest speed, in metres per second."""
@@ -185,6 +187,11 @@ class BangCoastBang:
     """`cells`: drones fly from cell centre to cell centre. `free`: they fly straight to any place
     that they reach within a step, and `max_speed_mps` and `max_acceleration_mps2` limit the
     horizontal speed and acceleration.
+    """
+    reach: Literal["step", "map"] = "step"
+    """What a command of free flight names. `step`: a displacement, as a share of the longest flight
+    that is possible in a step. `map`: any place on the map; the leg lasts as long as it takes,
+    which needs `decisions: event`.
     """
     climb_mps: Annotated[float, Ge(0.001), Le(1000)] = 5.0
     """The highest speed of climb in free flight, in metres per second."""

@@ -55,6 +55,7 @@ class Space(NamedTuple):
     """The limits of a type of drones, its grown obstacles, and its ways home by level (or none).
 
     ``cruise_mps`` are the least and the greatest speed that a command can choose, through the air.
+    ``whole_map`` says whether commands name places on the map instead of displacements.
     """
 
     limits: Limits
@@ -62,11 +63,16 @@ class Space(NamedTuple):
     prisms: Prisms
     levels: tuple[Ways, ...]
     cruise_mps: tuple[float, float] = NO_CHOICE
+    whole_map: bool = False
 
     @property
     def nodes(self) -> int:
         """The largest number of nodes of a graph of ways home."""
         return max((len(ways.roads.nodes_m) for ways in self.levels), default=0)
+
+    def most_s(self, step_s: float) -> float:
+        """Return for how long the leg of a command may last, in seconds: a step, or for ever."""
+        return math.inf if self.whole_map else step_s
 
     @property
     def commanded(self) -> Limits:
@@ -123,8 +129,9 @@ def space_of(
     limits, speeds = limits_of(motion), cruise_of(motion)
     cruise_mps = (float(speeds[0]), float(speeds[-1])) if speeds else NO_CHOICE
     prisms = obstacles(grid.height_m, grid.cell_m, zones, motion.margin_m)
+    whole_map = motion.reach == "map"
     if energy is None:
-        return Space(limits, wind, prisms, (), cruise_mps)
+        return Space(limits, wind, prisms, (), cruise_mps, whole_map)
     nodes, levels = len(prisms.corners_m) + len(stations_m), len(grid.levels_m)
     if levels * nodes * nodes > MOST_LINES:
         raise ValueError(
@@ -139,7 +146,7 @@ def space_of(
         finder.ways(_roads_at(prisms, altitude_m, stations_m, size_m))
         for altitude_m in grid.levels_m
     )
-    return Space(limits, wind, prisms, ways, cruise_mps)
+    return Space(limits, wind, prisms, ways, cruise_mps, whole_map)
 
 
 def require_free(prisms: Prisms, at: Point, what: str) -> None:

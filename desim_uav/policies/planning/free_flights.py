@@ -40,7 +40,9 @@ furthest point in so many directions."""
 
 
 class FreeFlights:
-    """Straight moves over a lattice. A drone charges after a return only, which ends on a station.
+    """Straight moves over a lattice, none longer than what a drone flies in a step.
+
+    A drone charges after a return only, which ends on a station.
 
     Moves are flown at the highest speed that commands can choose. Where a drone cannot be sure to
     be just over a station, it cannot charge there without a return.
@@ -53,7 +55,7 @@ class FreeFlights:
         self.levels = world.grid.levels(True)
         self.return_at = own.return_charge if own.limited else -1
         self._step_s = world.step_us / US
-        self._moves = FreeMoves(world)
+        self._moves = FreeMoves(world, ceiling=True)
         self._index = fastest_of(world.actions)
         self._limits = self.space.commanded
         self._lattice()
@@ -192,7 +194,7 @@ class FreeFlights:
         return int(home.duration_us), int(home.station), charge - home.drain
 
     def command(self, drone: Any, move: int, to: int) -> Command:
-        """Return the displacement to a place from where a drone is, or the index of hovering."""
+        """Return the numbers of the flight to a place from where a drone is, or of hovering."""
         if move == 0:
             return self._index[Action.HOVER]
         return self._moves.towards(drone.index, _stands(drone), self._at(to))
@@ -223,7 +225,7 @@ class FreeFlights:
                            grid.levels_m[self.levels - 1])  # fmt: skip
         leg, _ = step_leg(
             self._limits, self.space.wind, ANY_SPEED, bounds, self.space.prisms,
-            self._step_s, start, (x, y, z),
+            self.space.most_s(self._step_s), start, (x, y, z),
         )  # fmt: skip
         stop = (leg.route[3], leg.route[4], leg.route[5])
         return self._nearest(*stop), self._flown(start, stop)

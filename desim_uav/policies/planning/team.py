@@ -12,7 +12,7 @@ from desim_uav.commands.given import Command
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation
-from desim_uav.policies.planning.best_plan import free_steps, plan_of, values_of
+from desim_uav.policies.planning.best_plan import LOST, free_steps, plan_of, values_of
 from desim_uav.policies.planning.cover import covered_shares, gains
 from desim_uav.policies.planning.ground import Ground
 from desim_uav.policies.planning.sight import PlanningSight
@@ -135,12 +135,32 @@ class TeamPlanner:
     def _change(self, drone: int) -> bool:
         """Let a drone take the best plan for what the others leave; return whether it is new."""
         ground, standing = self.grounds[drone], self.sight.drones[drone]
+        _, free, _, best = self._values(drone)
+        plan = plan_of(
+            best,
+            ground.after,
+            ground.drains,
+            ground.lasts,
+            ground.station_of,
+            ground.returns,
+            ground.charge_us,
+            self.tick_us,
+            free,
+            (standing.ready, standing.place, standing.units),
+        )
+        changed = not np.array_equal(plan, self.plans[drone])
+        self.plans[drone] = plan
+        self._hold(drone)
+        return changed
+
+    def _values(self, drone: int) -> tuple[Floats, Ints, Floats, NDArray[np.int8]]:
+        """Return gains, free pads and ``values_of`` of a drone, for what the others leave."""
+        ground, standing = self.grounds[drone], self.sight.drones[drone]
         others = np.arange(len(self.plans)) != drone
         left = np.prod(1.0 - self.covers[others], axis=0)
         gained = gains(self.shares[drone], self._worth_to(drone) * left)
-        busy = self.busy[others].sum(axis=0)
-        free = free_steps(busy, ground.world.scenario.stations.pads)
-        _, best = values_of(
+        free = free_steps(self.busy[others].sum(axis=0), ground.world.scenario.stations.pads)
+        values = values_of(
             gained,
             ground.after,
             ground.rings,
@@ -158,23 +178,27 @@ class TeamPlanner:
             self._rates(ground, gained),
             standing.ready,
         )
-        start = (standing.ready, standing.place, standing.units)
-        plan = plan_of(
-            best,
-            ground.after,
-            ground.drains,
-            ground.lasts,
-            ground.station_of,
-            ground.returns,
-            ground.charge_us,
-            self.tick_us,
-            free,
-            start,
-        )
-        changed = not np.array_equal(plan, self.plans[drone])
-        self.plans[drone] = plan
-        self._hold(drone)
-        return changed
+        return gained, free, *values
+
+    def worths(self, drone: int) -> Floats:
+        """Return the worth of the best plan that begins with each action of a drone: (moves + 2,).
+
+        The last two are the return and the charge, whose worth is known only if it is the greatest.
+        An action that leads nowhere, or whose worth is not known, has ``LOST``. The drone must
+        decide now, and its moves must last for a tick.
+        """
+        ground, standing = self.grounds[drone], self.sight.drones[drone]
+        gained, _, value, best = self._values(drone)
+        here, units = standing.place, standing.units
+        worths = np.full(len(ground.after) + 2, LOST)
+        for k, (there, drain) in enumerate(zip(ground.after[:, here], ground.drains, strict=True)):
+            if there >= 0 and units > drain:
+                worths[k] = value[1, there, units - drain]
+                worths[k] += gained[0, 0, ground.rings[here], ground.cells[here]]
+                worths[k] += gained[1, 0, ground.rings[there], ground.cells[there]]
+        if best[0, here, units] >= len(ground.after):
+            worths[best[0, here, units]] = value[0, here, units]
+        return worths
 
     def covered(self) -> float:
         """Return how many users are expected to be covered, summed over all steps of the plans."""

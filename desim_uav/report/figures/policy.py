@@ -14,16 +14,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from desim_uav.engine.masks import Masks
 from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.model.observations import common_features
 from desim_uav.model.random.streams import Purpose, Streams
-from desim_uav.model.rules import Action, Choice, Mode, Variant, kind_of, move_of
-from desim_uav.policies.tabular import QTable
+from desim_uav.model.rules import Action, Choice, Variant, kind_of, move_of
+from desim_uav.policies.tabular import Greedy, QTable
 from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
 from desim_uav.report.figures.style import grid_of, headed, styled
-from desim_uav.rules.decide import mask
 from desim_uav.run_folder import world_content, world_hash
 from desim_uav.scenario.load import loads
 from desim_uav.world import World, build_world
@@ -183,17 +183,20 @@ class Reading:
             self.world.grid.blocked[level or 0],
         )
 
+    @cached_property
+    def _masks(self) -> Masks:
+        return Masks(self.world, Greedy.ceiling)
+
     def _legal(self, drone: int, battery_min: int | None, level: int | None) -> NDArray[np.bool_]:
-        """Return (nx, ny, actions): the actions that are allowed in flight."""
-        world, own = self.world, self.world.type_of(drone)
-        charge = None if battery_min is None else battery_min * 60 * own.drain_per_s
-        may_return = charge is not None and charge <= own.return_charge
-        full = charge is None or charge >= own.full
-        elsewhere = mask(world.actions, Mode.FLYING, may_return, False)
-        legal = np.tile(np.array(elsewhere), (*world.grid.cells, 1))
-        if not full and not level:
-            for cell in world.stations:
-                legal[cell] = mask(world.actions, Mode.FLYING, may_return, True)
+        """Return (nx, ny, actions): the actions that are allowed in flight.
+
+        In buildings, where no drone is, these are all.
+        """
+        world, own, level = self.world, self.world.type_of(drone), level or 0
+        charge = 0 if battery_min is None else battery_min * 60 * own.drain_per_s
+        legal = np.ones((*world.grid.cells, len(world.actions)), bool)
+        for x, y in np.argwhere(~world.grid.blocked[level]).tolist():
+            legal[x, y] = self._masks.at(drone, (x, y, level), charge)
         return legal
 
 

@@ -65,7 +65,7 @@ class SpaceRow(Row):
 
     The fields from ``corners_m`` to ``members`` are its obstacles
     (``model.geometry.prisms.Prisms``). Commands choose a cruise speed from ``lowest_mps`` to
-    ``highest_mps`` (infinity: none).
+    ``highest_mps`` (infinity: none), and name places if ``whole_map``.
     """
 
     level_mps: float
@@ -77,6 +77,7 @@ class SpaceRow(Row):
     wind_y_mps: float
     lowest_mps: float
     highest_mps: float
+    whole_map: int
     corners_m: Table[float]
     walls: Table[float]
     offsets: Table[int]

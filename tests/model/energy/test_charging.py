@@ -137,7 +137,7 @@ class TestInAScenario:
         assert scenario_hash(scenario) != scenario_hash(loads("seed: 0"))
 
     def test_a_scenario_without_the_key_has_the_hash_of_before(self):
-        assert scenario_hash(loads("seed: 3")) == BEFORE
+        assert scenario_hash(loads("{seed: 3, reward: {kind: multi_service}}")) == BEFORE
 
     def test_a_power_needs_a_battery_in_watt_hours(self):
         with pytest.raises(ScenarioError, match="measured in Wh, which 'endurance' is not"):

@@ -15,11 +15,11 @@ from desim_uav.model.state import Observation
 from desim_uav.policies.tabular import Greedy, read_table
 from desim_uav.report.figures import policy_figure
 from desim_uav.report.figures.policy import SYMBOLS, UNTRIED, Reading
-from desim_uav.rules.decide import mask
 from desim_uav.rules.observations import Position
 from desim_uav.scenario.load import load
 from desim_uav.shipped import find_table, scenario_path
 from desim_uav.world import build_world
+from tests.masks import mask
 from tests.rows import features_of
 
 
@@ -154,3 +154,18 @@ def test_a_table_that_has_no_place_on_a_map(changes, message):
     found = table("case1.npz")
     with pytest.raises(PolicyError, match=message):
         policy_figure(replace(found, about=found.about | changes), "case1.npz")
+
+
+def test_actions_that_a_shield_forbids_are_not_shown():
+    """A table that always likes best to hover: far from stations, a shielded drone cannot."""
+    hovering = {}
+    for shielded in (False, True):
+        scenario = load(scenario_path("case4"), {"drones.shielded": shielded})
+        learned = table_of(Training(build_world(scenario, 0), 0))
+        liked = learned.q.copy()
+        hover = learned.about["actions"].index("hover")
+        liked[..., hover] = liked.max() + 1.0
+        shown = Reading(replace(learned, q=liked), "hovering").slice(0, 4, 0)
+        hovering[shielded] = shown.action == hover
+    assert hovering[False].all()
+    assert 0.1 < hovering[True].mean() < 0.9
