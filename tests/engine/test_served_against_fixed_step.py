@@ -15,7 +15,6 @@ from desim_uav.model.rules import Outcome
 from tests.reference.inputs import US
 from tests.selection import by_default
 from tests.verification.convergence import (
-    COARSE_S,
     DTS_S,
     FINEST_S,
     Scenarios,
@@ -23,12 +22,11 @@ from tests.verification.convergence import (
     sampled,
 )
 from tests.verification.figure import check
+from tests.verification.parting import OF_SENSORS, OF_TASKS, orders
 from tests.verification.served import (
-    OF_SENSORS,
-    OF_TASKS,
     computing_scenario_of,
+    migrating_scenario_of,
     sensing_scenario_of,
-    slopes,
     uplinked_scenario_of,
 )
 
@@ -78,19 +76,29 @@ def test_uploads_in_their_own_bands_agree(seed: int) -> None:
     check_services(seed, uplinked_scenario_of)
 
 
+@pytest.mark.parametrize("seed", by_default([], (0, 1, 6)))
+def test_tasks_that_migrate_agree(seed: int) -> None:
+    assert case_of(seed, migrating_scenario_of).count("move") > 0
+    check_services(seed, migrating_scenario_of)
+
+
 @pytest.mark.slow
 def test_tasks_converge_with_slope_one() -> None:
-    check(slopes(range(64), 0.15, DTS_S, computing_scenario_of, OF_TASKS))
+    check(orders(range(64), 0.15, DTS_S, computing_scenario_of, OF_TASKS))
 
 
 @pytest.mark.slow
 def test_sensors_converge_with_slope_one() -> None:
-    check(slopes(range(64), 0.15, DTS_S, sensing_scenario_of, OF_SENSORS))
+    check(orders(range(64), 0.15, DTS_S, sensing_scenario_of, OF_SENSORS))
 
 
 @pytest.mark.thorough
-def test_few_tasks_converge() -> None:
-    check(slopes(range(12), 0.4, COARSE_S, computing_scenario_of, ("delay_s",)))
+@pytest.mark.parametrize(
+    ("scenarios", "measures"),
+    [(computing_scenario_of, ("delay_s",)), (sensing_scenario_of, OF_SENSORS)],
+)
+def test_few_scenarios_converge(scenarios: Scenarios, measures: tuple[str, ...]) -> None:
+    check(orders(range(8), 0.15, DTS_S[:3], scenarios, measures))
 
 
 @pytest.mark.thorough
@@ -105,11 +113,15 @@ def test_the_scenarios_have_everything_in_them() -> None:
         counted.update(one.outcome.name for one in log.requests)
         counted["restarts"] += sum(one.restarts for one in log.requests)
         log = case_of(seed, sensing_scenario_of).log
-        service = sensing_scenario_of(seed)["services"]["reading"]
+        mapping = sensing_scenario_of(seed)
+        service, joined = mapping["services"]["reading"], "backhaul" in mapping["drones"]
+        stored = joined and service.get("delivered") == "ground"
+        counted["over a backhaul"] += stored and sum(one.delivered for one in log.sensors)
         counted.update((service["updates"]["kind"], service.get("keeps", "newest")))
         counted["dropped"] += sum(one.dropped for one in log.sensors)
         counted[service.get("delivered", "drone")] += sum(one.delivered for one in log.sensors)
     kinds = ("first_come", "processor_sharing", "earliest_deadline", "ground True", "ground False")
     kinds += ("always", "never", "shortest", "split", "late resume", "late restart", "restarts")
     kinds += (Outcome.LATE.name, "poisson", "periodic", "at_will", "newest", "oldest", "last")
+    kinds += ("late migrate", "over a backhaul")
     assert all(counted[kind] > 0 for kind in (*kinds, "dropped", "drone", "ground")), counted
