@@ -271,7 +271,6 @@ class City:
         while (returns := self.follow(net, forks, commands)) is None:
             for k in (k for k in which if self.forks[k].outputs.over[:, 2].any()):
                 self.forks[k].more_room()
-                self.env.sessions[k].write_to(self.env.outputs, k)  # its state has moved
         gains = torch.zeros(len(which), *masks.shape[1:])
         for k, (changed, of_state) in enumerate(zip(changes, returns, strict=True)):
             gains[k, changed[:, 0], changed[:, 1]] = of_state[1:] - of_state[0]

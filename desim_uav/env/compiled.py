@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cached_property, partial
 from typing import Any, NamedTuple
+from weakref import ref
 
 import numpy as np
 from gymnasium import error
@@ -117,7 +118,7 @@ class CompiledSession(Session):
         own._stage, own.scenario, own._paths = other._stage, other.scenario, other._paths
         engine.carry(other.engine.carried())
         own.engine, own._started = engine, True
-        own._tell()
+        own.tell()
         return own
 
     def write_to(self, outputs: Outputs, k: int) -> None:
@@ -125,7 +126,7 @@ class CompiledSession(Session):
         self._outputs = outputs, k
         vars(self).pop("_row", None)
         if self._started:
-            self._tell()
+            self.tell()
         if self.episode >= 0:
             self._look()
 
@@ -136,9 +137,10 @@ class CompiledSession(Session):
         rows = (array[k] for array in outputs[: calls.OUTPUTS])
         return Outputs._make([*rows, outputs.addresses[k : k + 1]])
 
-    def _tell(self) -> None:
-        """Write where constants, sample path and state are, for kernels."""
+    def tell(self) -> None:
+        """Write where constants, sample path and state are, for kernels, now and if they move."""
         outputs, k = self._outputs
+        self.engine.session = ref(self)
         outputs.addresses[k, :3] = self.addresses()
 
     def go_on(self) -> None:
@@ -167,13 +169,14 @@ class CompiledSession(Session):
 
     def _look(self) -> None:
         """Write the outputs of the present epoch."""
-        self._tell()
+        self.tell()
         calls.look_at_all(self._row.addresses, ONE)
 
     def _new_engine(self, settings: RunSettings) -> Engine:
         if self._started and self.engine.move_to(self.world, settings):
             return self.engine
         engine = BatchSimulation(self.world, settings)
+        engine.session = ref(self)
         engine.refuse_unseen()
         return engine
 

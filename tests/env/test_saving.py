@@ -304,17 +304,35 @@ def test_agents_of_a_restored_end_are_none():
     assert env.agents == []
 
 
+def forked(engine):
+    """Let forks of an engine get so much room that its state moves in memory."""
+    forks = Forks(engine, 2)
+    forks.take()
+    for _ in range(3):
+        forks.more_room()
+
+
 def test_an_environment_goes_on_after_forks_have_got_more_room():
-    """Restoring a state tells the session where the state of its engine is now in memory."""
     env, twin = (UavEnv("case8", engine="batch", world_seed=0) for _ in range(2))
     for one in (env, twin):
         one.reset(seed=3)
         one.step([0, 2, 4])
-    forks = Forks(env.session.engine, 2)
-    forks.take()
-    for _ in range(3):
-        forks.more_room()
-    env.restore(env.save())
+    forked(env.session.engine)
     for _ in range(4):
         mine, other = (one.step([1, 4, 0]) for one in (env, twin))
         assert np.array_equal(mine[0], other[0]) and mine[1:4] == other[1:4]
+
+
+def test_vectors_and_copies_of_them_go_on_after_forks_have_got_more_room():
+    env, twin = (UavVectorEnv("case8", 3, {"world_seed": 0}) for _ in range(2))
+    for one in (env, twin):
+        one.reset(seed=3)
+    own = copy.deepcopy(env)
+    for one in (env, own):
+        forked(one.sessions[1].engine)
+    for _ in range(4):
+        seen, *others = (one.step(np.full((3, 3), 1)) for one in (twin, env, own))
+        for other in others:
+            assert np.array_equal(seen[0], other[0]) and np.array_equal(seen[1], other[1])
+    for one in (env, twin, own):
+        one.close()

@@ -104,9 +104,7 @@ class Forks:
     def more_room(self) -> None:
         """Double the buffers of the engine, because forks have run out of them; its state stays.
 
-        All forks must then be taken anew. The state of the engine moves in memory, of which a
-        session of it must be told (``CompiledSession.write_to``), or its environment must restore a
-        state. Raises SimulationError if a component of one's own has
+        All forks must then be taken anew. Raises SimulationError if a component of one's own has
         stopped a fork.
         """
         faults = [calls.faults_of(address) for address in self.table[:, 2].tolist()]

@@ -45,8 +45,8 @@ FEW = 3
 """The share of these crossings for which there is memory at first, if links have no classes and the
 episode can be repeated."""
 
-DERIVED = ("state", "state_at", "drones", "constants")
-"""The attributes that are views of an engine's memory, which a copy makes again."""
+DERIVED = ("state", "state_at", "drones", "constants", "session")
+"""The attributes that a copy makes again: views of an engine's memory, and who has its address."""
 
 
 class BatchSimulation(Engine):
@@ -62,6 +62,8 @@ class BatchSimulation(Engine):
     name = "batch"
     path: Words
     memory: Words
+    session: Callable[[], Any] = staticmethod(lambda: None)
+    """Returns the session that has the address of the state, if there is one (see ``tell``)."""
 
     def __init__(self, world: World, settings: RunSettings) -> None:
         super().__init__(world, settings)
@@ -297,6 +299,8 @@ class BatchSimulation(Engine):
         self.leg_buffer *= 2
         self._make_room()
         self._resume(saved.rows)
+        if (session := self.session()) is not None:
+            session.tell()
 
     def _ready(self) -> bool:
         """Return whether the last step, or the reset, has not failed."""
