@@ -385,7 +385,7 @@ _NUMBERS, _FLAGS = types.float64[:, ::1], types.boolean[::1]
 
 OF_STEPS: dict[Any, tuple[Any, ...]] = {
     run: (_I64,) * 5,
-    step_all: (_TABLE, _TABLE, _FLAGS, _I64),
+    step_all: (_TABLE, _TABLE, _FLAGS, _I64, _I64),
     look_at_all: (_TABLE, _FLAGS),
 }
 """The kernels that runs and environments call at each step, with the types of their arguments."""
