@@ -38,7 +38,7 @@ try:
     import torch
     from torch import nn
 except ModuleNotFoundError:
-    print(MissingExtraError("policies/expert.py", "ppo"), file=sys.stderr)
+    print(MissingExtraError("policies/expert.py", "torch"), file=sys.stderr)
     sys.exit(MissingExtraError.exit_code)
 
 DEFAULTS = (

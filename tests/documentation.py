@@ -38,7 +38,7 @@ DIRECTIVES = {"{code-cell}", "{eval-rst}", "{include}", "{toctree}"}
 NEEDED = {
     "benchmarl": ("benchmarl",),
     "optuna": ("optuna",),
-    "ppo": ("torch",),
+    "torch": ("torch",),
     "ray": ("ray",),
     "rllib": ("ray.rllib", "tree", "torch"),  # Ray alone has the first of them
     "sb3": ("sb3_contrib",),
