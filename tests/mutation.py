@@ -599,6 +599,13 @@ MUTATIONS = (
         ("engine/test_access_points.py",),
     ),
     Mutation(
+        "drones that meet in one place and stay there have other levels until the step ends",
+        "model/radio/air.py",
+        "    if link.state == 0 and _stay_level(air, lasts):\n",
+        "    if link.state == 2 and _stay_level(air, lasts):\n",
+        ("engine/test_instants.py",),
+    ),
+    Mutation(
         "a user without a drone takes another than the strongest",
         "rules/association.py",
         "            best = d\n    return best\n",

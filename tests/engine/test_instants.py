@@ -253,6 +253,43 @@ def test_nobody_changes_drones_between_equal_levels(association: Any) -> None:
     assert Counter(event[3] for event in seen(log, "attach")) == {0: 3}
 
 
+def meeting(starts: Sequence[int], user_m: float, association: Any) -> World:
+    """Two drones that need 20 s to the next cell, and a user beside cell 3."""
+    drones = {
+        "count": 2,
+        "start_cells": [[x, 0] for x in starts],
+        "battery": None,
+        "radio": {"kind": "link_classes", "power_dbm": 30, "path_loss": LOSSES["free_space"]},
+        "motion": {
+            "kind": "bang_coast_bang",
+            "timing": "minimum_time",
+            "max_speed_mps": 20,
+            "max_acceleration_mps2": 1,
+        },
+    }
+    return road(starts, [(user_m, 50)], drones=drones, association=association)
+
+
+@pytest.mark.usefixtures("every_engine")
+def test_a_user_changes_drones_where_their_levels_become_equal_and_stay_so() -> None:
+    """Both drones come to cell 3, of which drone 1 is closer to the user until then."""
+    world = meeting([2, 4], 380, "strongest")
+    log = fly(world, path_of(world), "right", "left")
+    attached = [(event[0], event[3]) for event in seen(log, "attach")]
+    assert attached == [(0, 1), (20 * US, 0)]
+
+
+@pytest.mark.usefixtures("every_engine")
+@pytest.mark.parametrize(("trigger_s", "times_us"), [(9, []), (7, [19 * US])])
+def test_a_time_to_trigger_ends_where_levels_become_equal(
+    trigger_s: int, times_us: list[int]
+) -> None:
+    """Drone 1 is closer for 8 s, from 32 m before it is at the place of drone 0 until then."""
+    world = meeting([3, 4], 366, {**A3, "time_to_trigger_ms": 1000 * trigger_s})
+    log = fly(world, path_of(world), "hover", "left")
+    assert [event[0] for event in seen(log, "handover")] == times_us
+
+
 # ---- outages
 
 

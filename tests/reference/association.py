@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tests.reference.inputs import NEVER, Inputs, Result
@@ -26,12 +28,20 @@ class Attachments:
         self.holder = np.full(shape[1], -1)
         self.users = np.arange(shape[1])
 
-    def follow(self, t_us: int, covered: np.ndarray, level_dbm: np.ndarray) -> list[int]:
+    def follow(
+        self,
+        t_us: int,
+        covered: np.ndarray,
+        level_dbm: np.ndarray,
+        later_dbm: Callable[[], np.ndarray],
+    ) -> list[int]:
         """Attach users by the rule, and return those whose holder has changed.
 
-        Levels that differ by rounding are equal.
+        Levels that differ by rounding are equal. Of equal ones the higher is that which is so a
+        tick later (``later_dbm``): drones that are in one place now may fly apart.
         """
         level_dbm = np.round(level_dbm, DECIMALS)
+        self.later_dbm = later_dbm
         if (covered != self.covered).any():
             self.entered_us[covered & ~self.covered] = t_us
             self.covered = covered
@@ -46,8 +56,7 @@ class Attachments:
 
     def _holders(self, t_us: int, level_dbm: np.ndarray) -> np.ndarray:
         anybody = self.covered.any(axis=0)
-        strongest = np.where(self.covered, level_dbm, -np.inf).argmax(axis=0)
-        strongest[~anybody] = -1
+        strongest = np.where(anybody, self._strongest(level_dbm, self.covered), -1)
         if self.rule.kind == "strongest":
             return strongest
         lost = (self.holder < 0) | ~self.covered[self.holder, self.users]
@@ -56,6 +65,14 @@ class Attachments:
             return np.where(lost, np.where(anybody, earliest, -1), self.holder)
         self.exceeds_us[:, lost] = NEVER
         return self._after_a3(t_us, level_dbm, np.where(lost, strongest, self.holder))
+
+    def _strongest(self, level_dbm: np.ndarray, among: np.ndarray) -> np.ndarray:
+        """The strongest transmitter of each user, of equal ones the first."""
+        level_dbm = np.where(among, level_dbm, -np.inf)
+        equal = among & (level_dbm == level_dbm.max(axis=0))
+        if (equal.sum(axis=0) > 1).any():
+            level_dbm = np.where(equal, np.round(self.later_dbm(), DECIMALS), -np.inf)
+        return level_dbm.argmax(axis=0)
 
     def _after_a3(self, t_us: int, level_dbm: np.ndarray, holder: np.ndarray) -> np.ndarray:
         """Leave holders that another has exceeded for long enough; then the timers start anew.
@@ -72,7 +89,6 @@ class Attachments:
             leaves = due.any(axis=0)
             if not leaves.any():
                 break
-            best = np.where(due, level_dbm, -np.inf).argmax(axis=0)
-            holder = np.where(leaves, best, holder)
+            holder = np.where(leaves, self._strongest(level_dbm, due), holder)
             self.exceeds_us[:, leaves] = NEVER
         return holder

@@ -254,7 +254,15 @@ class FixedStep:
         services = self.services
         services.changed |= bool((classes != self.classes).any())
         self.classes = services.classes = classes
-        for user in self.attachments.follow(t_us, classes > 0, level_dbm):
+
+        def later_dbm() -> np.ndarray:
+            position_m = self.position_m.copy()
+            for drone in self.drones:
+                if serving[drone.index]:
+                    position_m[drone.index] = self._position(drone, t_us + self.dt_us)
+            return look(self.links, position_m, serving, xy, self.users_height_m)[1]
+
+        for user in self.attachments.follow(t_us, classes > 0, level_dbm, later_dbm):
             services.attach(t_us, user, self.attachments.holder)
         running = serving.copy()
         for drone in self.drones if self.inputs.processors else ():

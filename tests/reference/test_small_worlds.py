@@ -30,6 +30,7 @@ from tests.reference.radio import (
 
 STILL = (0.0, 0.0)
 DT_S = 0.5
+LEFT, HOVER = 3, 4
 
 
 def radio(*classes: tuple[float, float], bandwidth_hz: int = 1_000_000, **changes: Any) -> Radio:
@@ -47,9 +48,13 @@ def fly(
     requests: dict[int, list[Request]],
     steps: int = 2,
     dt_s: float = DT_S,
+    command: int = HOVER,
     **changes: Any,
 ) -> Result:
-    """Hover for some minutes over cells of 100 m, 10 m above users (x, y, vx, vy)."""
+    """Hover for some minutes over cells of 100 m, 10 m above users (x, y, vx, vy).
+
+    Drone 0 may have another command.
+    """
     inputs = Inputs(
         cell_m=(100.0, 100.0),
         height_m=np.zeros((10, 1)),
@@ -77,8 +82,8 @@ def fly(
         position_error=None,
         respawn=np.zeros((len(starts), steps + 1), int),
     )
-    hover = [[4] * len(starts)] * steps
-    return simulate(replace(inputs, **changes), hover, dt_s)
+    commands = [[command, *[HOVER] * (len(starts) - 1)]] * steps
+    return simulate(replace(inputs, **changes), commands, dt_s)
 
 
 def hold(seconds: float, kbps: float, at_s: float = 0.0) -> Request:
@@ -261,6 +266,17 @@ def test_the_strongest_is_the_nearest_for_equal_powers() -> None:
     """Equal levels are in the middle, which the walker reaches after 60 s: a tie for drone 0."""
     assert holders(Association("strongest")) == [(0,), (2,)]
     assert holders(Association("entered_first")) == [(0,), (0,)]
+
+
+def test_of_drones_that_part_from_one_place_the_closer_one_is_the_strongest_at_once() -> None:
+    """Drone 0 flies away from the user; drone 1 has a band of 1 kHz only."""
+    links = [EVERYWHERE, replace(EVERYWHERE, bandwidth_hz=1_000, noise_dbm_per_hz=-30.0)]
+    users, asks = [(380.0, 50.0, *STILL)], {0: [transfer(1e6)]}
+    changes = {"association": Association("strongest"), "steps": 1}
+    (one,) = fly(links, [(3, 0)] * 2, users, asks, command=LEFT, **changes).requests
+    assert one.delivered_ubit == 60 * 1000 * US
+    (one,) = fly(links, [(3, 0)] * 2, users, asks, **changes).requests
+    assert one.delivered_ubit == 60 * 1_000_000 * US
 
 
 @pytest.mark.parametrize(

@@ -254,9 +254,18 @@ def _square(link: Link) -> Coefficients:
     return square_of(at, speed, (link.ax_mps2, link.ay_mps2, link.az_mps2))
 
 
+@rule
+def _stay_level(air: Air, lasts: float) -> bool:
+    """Return whether two transmitters are equally close from the start of a stretch on."""
+    return bool(_closer(air, 0.0) == 0.0 and _closer(air, 0.5 * lasts) == 0.0)
+
+
 @kernel
 def _pass(air: Air, stretch: tuple[float, float]) -> None:
-    """Write when the first of two transmitters becomes or ceases to be the closer one."""
+    """Write when the first of two transmitters becomes or ceases to be the closer one.
+
+    It becomes so as well where the two meet in one place, and stay there.
+    """
     begin, lasts = stretch
     link = air.links[SIGNAL]
     near, far = _square(link), _square(air.links[OTHER])
@@ -267,6 +276,9 @@ def _pass(air: Air, stretch: tuple[float, float]) -> None:
         near[3] - far[3],
         near[4] - far[4],
     )
+    if link.state == 0 and _stay_level(air, lasts):
+        note(link, rounded_us(air.start_us, begin), 1)
+        link.state = 1
     state = link.state
     count, roots = sign_changes(c, state == 0, lasts, GRAZE * (near[0] + far[0]))
     for i in range(count):
