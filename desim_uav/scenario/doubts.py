@@ -121,8 +121,7 @@ def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
 
 def groups_ask_by_the_demand(scenario: Scenario) -> Iterator[str]:
     """Yield a warning about a demand by which nobody asks."""
-    given = "demand" in scenario.model_fields_set
-    if given and all(key != ("demand",) for key, *_ in scenario.asking):
+    if "demand" in scenario.model_fields_set and not scenario.has_common_demand:
         yield "demand: nobody asks by it, because each group of users has a demand of its own"
 
 

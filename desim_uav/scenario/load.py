@@ -140,8 +140,10 @@ def dump(scenario: Scenario) -> str:
 
 
 def to_plain(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as plain data with every key."""
+    """Return a scenario as plain data with every key that something is simulated by."""
     plain: dict[str, Any] = _plain(scenario)
+    if not scenario.has_common_demand and "demand" not in scenario.model_fields_set:
+        del plain["demand"]
     if isinstance(plain["users"], list):
         plain["users"] = [{"name": one["name"], **one} for one in plain["users"]]
     for users, (_, *group) in zip(scenario.user_groups, scenario.user_keys, strict=True):

@@ -288,6 +288,11 @@ class Scenario(Section):
         return tuple(Asking(key, demands[key], tuple(counts[key])) for key in demands)
 
     @property
+    def has_common_demand(self) -> bool:
+        """Whether any group of users asks by the ``demand`` of the scenario."""
+        return any(getattr(users, "demand", None) is None for users in self.user_groups)
+
+    @property
     def differing(self) -> tuple[str, ...]:
         """The keys in which types of drones differ, besides their numbers and where they start."""
         own = ("name", "count", "start_cells")

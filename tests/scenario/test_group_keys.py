@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import yaml
 
 from desim_uav.errors import ScenarioError
 from desim_uav.model.demand.demand import Dynamic, Poisson
@@ -93,6 +94,9 @@ def test_doubts_name_the_group() -> None:
     assert list(doubts(loads(unused))) == [
         "demand: nobody asks by it, because each group of users has a demand of its own"
     ]
+    own = loads("users: [{name: a, demand: {kind: static}}]")
+    assert list(doubts(loads(dump(own)))) == [], "what is dumped was not given"
+    assert "demand" in yaml.safe_load(dump(loads(unused)))
 
 
 def test_the_description_has_a_line_per_group() -> None:
