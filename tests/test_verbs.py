@@ -28,6 +28,7 @@ VERBS = {
     "optimum": [du.find_optimum],
     "reproduce": [du.reproduce],
     "qoe": [measures.measures_of],
+    "ls": [du.list_runs],
     "compare": [du.compare, du.compare_runs],
     "sweep": [du.sweep],
     "replay": [du.write_replay],

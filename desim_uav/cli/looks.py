@@ -124,6 +124,7 @@ LOOKS: dict[str, OptionLook] = {
     "gallery.figure": FOLDER,
     "markdown": OptionLook("FILE", OUTPUT),
     "by": OptionLook("service|episode|user|group|outcome"),
+    "root": OptionLook("[DIR]", argument=True),
     "run_dir": RUN,
     "beside": RUN._replace(metavar="RUN_DIR2"),
     "html": OptionLook("FILE"),

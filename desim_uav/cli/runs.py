@@ -9,6 +9,7 @@ import typer
 from desim_uav.api.compare import compare as compare_policies
 from desim_uav.api.compare import compare_runs
 from desim_uav.api.fork import counterfactual
+from desim_uav.api.listing import list_runs
 from desim_uav.api.measures import measures_of
 from desim_uav.api.run import run as run_policy
 from desim_uav.api.study import sweep as run_sweep
@@ -78,6 +79,22 @@ def qoe(arguments: dict[str, Any], as_json: bool) -> None:
         print_summary(summary)
     else:
         print_groups(by, groups)
+
+
+@made(list_runs, AS_JSON)
+def ls(arguments: dict[str, Any], as_json: bool) -> None:
+    """Print a row for each run, the latest last."""
+    frame = list_runs(**arguments)
+    rows = frame.astype(object).where(frame.notna(), None).to_dict("records")
+    if as_json:
+        print_json(rows)
+        return
+    if not rows:
+        complain(f"{arguments['root']}: no run or training is there")
+        return
+    from desim_uav.report.text import print_runs
+
+    print_runs(rows)
 
 
 HOW_TO_RUN = (

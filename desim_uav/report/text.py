@@ -212,6 +212,23 @@ def print_sweep(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     print_table(table)
 
 
+LISTED = looks(("qoe1_percent", "qoe2_iterations", "qoe3_percent", "crashes"))
+"""The measures of a run in a list: headings and formats."""
+
+
+def print_runs(rows: Sequence[Row]) -> None:
+    """Print a row for each run or training of a list."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    table.add_column("run", overflow="fold")
+    for heading in ("episodes", *(heading for heading, _ in LISTED.values())):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("differs", overflow="fold")
+    for row in rows:
+        cells = (_cell(row, name, form) for name, (_, form) in LISTED.items())
+        table.add_row(_text(row["run"]), str(row["episodes"]), *cells, _text(row["differs"]))
+    print_table(table)
+
+
 def print_findings(findings: list[tuple[str, str, str]]) -> None:
     """Print the verdict, name and message of each finding on a line, which may wrap."""
     table = Table(box=None, show_header=False, padding=(0, 1, 0, 0))

@@ -269,6 +269,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "address": {"str": "auto", "NoneType": None},
     "against": {"str": "random", "NoneType": None},
     "folder": FOLDERS,
+    "root": FOLDERS,
     "folders": several(RUNS),
     "bench_verify.folder": {"str": lambda here: str(submitted(here)), "Path": submitted},
     "bench_board.folders": {
@@ -368,6 +369,7 @@ WITH: dict[str, dict[str, Any]] = {
     "sweep.address": {"backend": "local"},
     "build_world": {"scenario": "tiny"},
     "read_run": {},
+    "list_runs": {},
     "compare_runs": {"folders": lambda here: [here.saved, here.saved_other]},
     "film": {"run": lambda here: here.one, "file": lambda here: here.place(".gif")}
     | {"fps": 1, "speed": 3600, "width": 160},
