@@ -57,10 +57,15 @@ def find_table(argument: str) -> Path:
     return shipped if path.name == argument and not path.exists() and shipped.exists() else path
 
 
-def _folder(name: str) -> Path:
+def tutorials() -> dict[str, Path]:
+    """Return the pages of the tutorials by their names, in the order in which they are read."""
+    return {path.stem: path for path in sorted(_folder("tutorials", "docs").glob("*.md"))}
+
+
+def _folder(name: str, beside: str = "") -> Path:
     """Beside the package, or in it: where its own subpackage has the name, under ``shipped_``."""
     inside = _PACKAGE / f"shipped_{name}"
-    return inside if inside.is_dir() else _PACKAGE.parent / name
+    return inside if inside.is_dir() else _PACKAGE.parent / beside / name
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

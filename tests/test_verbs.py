@@ -21,6 +21,7 @@ from desim_uav.typed import OneOf, Within, hints_of, marks_of, typed
 
 VERBS = {
     "scenarios": [files.list_scenarios],
+    "tutorials": [files.list_tutorials],
     "validate": [files.validate],
     "schema": [files.schema],
     "run": [du.run, du.counterfactual],

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from desim_uav.api.parameters import verb
-from desim_uav.errors import ScenarioError, notice
+from desim_uav.errors import ScenarioError, UsageError, notice
 
 if TYPE_CHECKING:
     from desim_uav.api.kinds import Overrides
@@ -38,6 +38,38 @@ def list_scenarios(show: str | None = None) -> dict[str, str]:
 def _first_comment(text: str) -> str:
     first = text.partition("\n")[0]
     return first.lstrip("# ") if first.startswith("#") else ""
+
+
+@verb
+def list_tutorials(copy: str | Path | None = None) -> dict[str, str]:
+    """List the tutorials, or copy them as notebooks, which run wherever notebooks run.
+
+    In Python, this returns the title of each by its name, or by the file that was written.
+
+    Args:
+        copy: Write the notebooks into DIR. No file is overwritten.
+
+    Raises:
+        UsageError: a file is there already, or cannot be written.
+    """
+    import json
+
+    from desim_uav.disk import file_place, write_at
+    from desim_uav.report.notebook_file import notebook_of, title_of
+    from desim_uav.shipped import tutorials
+
+    pages = {name: path.read_text(encoding="utf-8") for name, path in tutorials().items()}
+    if copy is None:
+        return {name: title_of(page) for name, page in pages.items()}
+    files = {name: Path(copy) / f"{name}.ipynb" for name in pages}
+    places = {name: file_place(file, "--copy") for name, file in files.items()}
+    for file in files.values():
+        if file.exists():
+            raise UsageError(f"--copy {file}: exists already")
+    for name, place in places.items():
+        content = json.dumps(notebook_of(pages[name]), indent=1, ensure_ascii=False) + "\n"
+        write_at(place, content.encode())
+    return {str(file): title_of(pages[name]) for name, file in files.items()}
 
 
 @verb

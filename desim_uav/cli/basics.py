@@ -27,6 +27,18 @@ def scenarios(arguments: dict[str, Any], as_json: bool) -> None:
             tell(f"{name:{width}s} {about}")
 
 
+@made(files.list_tutorials, AS_JSON)
+def tutorials(arguments: dict[str, Any], as_json: bool) -> None:
+    """Print the names or files of the tutorials, and their titles."""
+    listing = files.list_tutorials(**arguments)
+    if as_json:
+        print_json(listing)
+        return
+    width = max(map(len, listing))
+    for name, title in listing.items():
+        tell(f"{name:{width}s} {title}")
+
+
 @made(files.validate, NO_PLUGINS)
 def validate(arguments: dict[str, Any]) -> None:
     """Print which files are valid."""

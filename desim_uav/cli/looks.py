@@ -120,6 +120,7 @@ LOOKS: dict[str, OptionLook] = {
     "bench_reveal.tasks": OptionLook("[TASK…]", argument=True, complete=complete_tasks),
     "files": OptionLook("FILE…", argument=True, complete=complete_scenarios),
     "show": OptionLook("NAME"),
+    "copy": FOLDER,
     "names": OptionLook("[NAME…]", argument=True, complete=complete_papers),
     "gallery.figure": FOLDER,
     "markdown": OptionLook("FILE", OUTPUT),
