@@ -52,6 +52,10 @@ The end.
 """
 
 
+WITH_FILES = "3_component_of_your_own"
+"""The tutorial that writes files; the blocks of the others are run as those of pages are."""
+
+
 def cells(page: str) -> list[tuple[str, str]]:
     return [(cell["cell_type"], cell["source"]) for cell in notebook_of(page)["cells"]]
 
@@ -96,8 +100,11 @@ def test_the_command_copies_all_and_overwrites_none(
     assert not Path("here/0_start.ipynb").exists()
 
 
+OTHERS = [pytest.param(name, marks=pytest.mark.slow) for name in tutorials() if name != WITH_FILES]
+
+
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", tutorials())
+@pytest.mark.parametrize("name", [WITH_FILES, *OTHERS])
 def test_a_notebook_runs_from_top_to_bottom(name: str, tmp_path: Path):
     """Without Jupyter: cells are run in one process, commands in a shell."""
     script = tmp_path / "cells.py"
