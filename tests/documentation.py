@@ -27,11 +27,9 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-import yaml
-
 ROOT = Path(__file__).parents[1]
 LANGUAGES = {"python", "sh", "text", "yaml"}
-WORDS = {"by-hand", "defaults", "extra", "file", "output", "same-as-preset", "thorough"}
+WORDS = {"by-hand", "extra", "file", "output", "same-as-preset", "thorough"}
 DIRECTIVES = {"{code-cell}", "{eval-rst}", "{include}", "{toctree}"}
 """What the build of the site runs or resolves by itself."""
 
@@ -154,26 +152,13 @@ class Page:
 
 
 def check_scenario(block: Block) -> None:
-    """A scenario is valid; the one of all defaults has all of them, and their values."""
+    """A scenario is valid, and one that says what a preset does is the same."""
     from desim_uav.scenario.load import loads, to_plain
-    from desim_uav.scenario.schema import Scenario
 
     found = loads(block.text, base=Path())
-    if "defaults" in block.words:
-        assert to_plain(found) == to_plain(Scenario())
-        given = yaml.safe_load(block.text)
-        assert missing(to_plain(Scenario()), given) == ["users.positions_m"]
     if "same-as-preset" in block.words:
         preset = loads("name: as_in_the_paper\npreset: paper")
         assert to_plain(found) | {"preset": "paper"} == to_plain(preset)
-
-
-def missing(known: object, given: object) -> list[str]:
-    """Keys at any depth that are not given; a kind goes without saying, a number is a schedule."""
-    if not isinstance(known, dict) or not isinstance(given, dict):
-        return []
-    inner = [f"{key}.{k}" for key in known if key in given for k in missing(known[key], given[key])]
-    return [key for key in known if key not in given and key != "kind"] + inner
 
 
 def run_here(words: list[str]) -> str:

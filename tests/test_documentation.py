@@ -164,6 +164,25 @@ def test_links_of_pages_outside_the_site_lead_somewhere(name: str) -> None:
         assert link.startswith("https://") or (ROOT / link).exists(), link
 
 
+def test_the_sidebar_of_the_front_page_is_short() -> None:
+    """What stands in the toctrees of the front page is visible there; pages below them are not."""
+    text, docs = PAGES["docs/index.md"].read_text(encoding="utf-8"), ROOT / "docs"
+    lines = [line for block in blocks(text) for line in block.text.splitlines()]
+    named = [line for line in lines if re.fullmatch(r"[\w/*]+", line)]
+    shown = [page for name in named for page in docs.glob(f"{name}.md")]
+    assert len(named) <= len(shown) <= 40
+
+
+@pytest.mark.parametrize(
+    ("folders", "most"),
+    [(("tutorials", "howto", "scenarios"), 38_000), (("explanation",), 29_500)],
+)
+def test_pages_are_short(folders: tuple[str, ...], most: int) -> None:
+    starts = tuple(f"docs/{folder}/" for folder in folders)
+    pages_there = [page for name, page in PAGES.items() if name.startswith(starts)]
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages_there) <= most
+
+
 FOLDERS = ("desim_uav", "tests", "analysis", "benchmarks", "policies", "scenarios", "docs")
 SOURCES = {
     str(file.relative_to(ROOT)): file
