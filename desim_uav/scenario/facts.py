@@ -39,13 +39,13 @@ def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
 
 def _user_facts(plain: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the properties of the users; a group of users has one line."""
-    users, demand = plain["users"], _component(plain["demand"])
+    users = plain["users"]
     if isinstance(users, dict):
-        mobility = _component(users["mobility"])
+        mobility, demand = _component(users["mobility"]), _component(plain["demand"])
         return [("users", str(_count(users))), ("mobility", mobility), ("demand", demand)]
     groups = []
     for own in users:
-        asks = _component(own["demand"]) if own["demand"] else demand
+        asks = _component(own["demand"] or plain["demand"])
         line = f"{_count(own)}; mobility {_component(own['mobility'])}; demand {asks}"
         groups.append((own["name"], line))
     return [("users", str(sum(map(_count, users)))), *groups]

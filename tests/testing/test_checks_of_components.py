@@ -13,7 +13,7 @@ from desim_uav.model.rewards import RowReward
 from desim_uav.testing import check_component, compare_engines
 
 FEW: dict[str, Any] = {"users": {"count": 6}, "episode": {"steps": 6}}
-HERE = "tests.testing.test_components"
+HERE = "tests.testing.test_checks_of_components"
 
 
 def using(**keys: Any) -> dict[str, Any]:
