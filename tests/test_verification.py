@@ -138,17 +138,19 @@ class TestMutations:
             for test in mutated.tests:
                 assert both not in (ROOT / "tests" / test).read_text(encoding="utf-8"), test
 
-    def test_what_is_not_noticed_is_said(self, monkeypatch, capsys):
+    def test_what_is_not_noticed_is_said(self, monkeypatch, capsys, tmp_path):
         first = MUTATIONS[0]
         failures = iter(["", "", "test_x.py::test_y"])
         monkeypatch.setattr(mutation, "MUTATIONS", (first, MUTATIONS[1]))
         monkeypatch.setattr(mutation, "_copy", lambda tree: copied(tree, MUTATIONS[:2]))
         monkeypatch.setattr(mutation, "_first_failure", lambda *_: next(failures))
-        monkeypatch.setattr(sys, "argv", ["mutation.py"])
+        file = tmp_path / "mutations.csv"
+        monkeypatch.setattr(sys, "argv", ["mutation.py", "--csv", str(file)])
         assert mutation.main() == 6
         out, err = capsys.readouterr()
         assert [row[2] for row in rows(out)[1:]] == ["NOT NOTICED", "test_x.py::test_y"]
         assert "1 of 2 noticed" in err
+        assert verified.records(file) == rows(out)[1:]
 
 
 def copied(tree, mutations):
