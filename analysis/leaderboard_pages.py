@@ -34,6 +34,9 @@ OTHERS = (
     *("Uses", "Checked", "Trainings", "Seeds"),
 )
 
+NEARLY_SOLVED, MANY = 0.9, 3
+"""A score above which little is left to gain, and the policies that a task should tell apart."""
+
 Table = dict[str, Any]
 
 
@@ -46,7 +49,7 @@ def write(
     submission has a score.
     """
     tables = board(submissions, checks)
-    of_tasks = [table for table in tables if "task" in table and table["scored"]]
+    of_tasks = [table for table in tables if "task" in table and _competitors(table)]
     if not of_tasks:
         raise PolicyError(f"{folder}: there are no pages without a submission that has a score")
     folder.mkdir(parents=True, exist_ok=True)
@@ -77,17 +80,15 @@ def _figure(tables: Sequence[Table]) -> bytes:
     return to_bytes(profile_figure(panels), ".png")
 
 
-def told_apart(rows: Sequence[Table]) -> int:
-    """Return how many competitors differ pairwise, which have scores and know no future.
+def told_apart(table: Table) -> int:
+    """Return how many policies without knowledge of the future differ pairwise.
 
-    ``rows`` are in the order of their scores. Two differ if the interval of their paired difference
-    does not contain 0. Competitors are taken in their order, each if it differs from all that were
+    Two differ if the interval of their paired difference
+    does not contain 0. They are taken from the best one on, each if it differs from all that were
     taken before.
     """
     taken: list[Table] = []
-    for row in rows:
-        if row["knows_future"] or not row["scores"]:
-            continue
+    for row in _competitors(table):
         if all(_differ(_pair(other, row)) for other in taken):
             taken.append(row)
     return len(taken)
@@ -129,6 +130,7 @@ def _overview(
         "difference, paired by seed, does not contain 0. A click on a heading of a table sorts "
         "it.\n",
         _markdown(heads, lines),
+        _summary(tables),
         *map(_of_several, of_all),
         "## How it was made\n",
         '```sh by-hand="takes hours"\npython analysis/leaderboard.py -j 2\n```\n',
@@ -138,9 +140,25 @@ def _overview(
     return "\n".join(parts)
 
 
+def _summary(tables: Sequence[Table]) -> str:
+    """Return a sentence on what is left to gain in the tasks, and how well they tell apart."""
+    within = sum(_competitors(table)[0]["score"].value <= NEARLY_SOLVED for table in tables)
+    apart = sum(told_apart(table) >= MANY for table in tables)
+    return (
+        f"In {within} of {len(tables)} lines the best policy without knowledge of the future has a "
+        f"score of at most {NEARLY_SOLVED}, and in {apart} at least {MANY} policies differ from "
+        "each other.\n"
+    )
+
+
+def _competitors(table: Table) -> list[Table]:
+    """Return the rows of policies with scores and without knowledge of the future."""
+    return [row for row in table["rows"] if row["scores"] and not row["knows_future"]]
+
+
 def _of_task(table: Table, names: Sequence[str]) -> list[str]:
     task, by_name = _task(table), {row["policy"]: row for row in table["rows"]}
-    best = next(row["policy"] for row in table["rows"] if row["scores"] and not row["knows_future"])
+    best = _competitors(table)[0]["policy"]
     cells = []
     for name in names:
         scored = name in by_name and by_name[name]["score"] is not None
@@ -148,7 +166,7 @@ def _of_task(table: Table, names: Sequence[str]) -> list[str]:
         cells.append(f"**{value}**" if name == best else value)
     seeds = str(max(row["seeds"] for row in table["rows"]))
     where = f"{task.family}.md#{task.size}-track-{table['track']}"
-    apart = str(told_apart(table["rows"]))
+    apart = str(told_apart(table))
     said = [f"[{task.family}]({where})", task.size, table["track"], seeds]
     return [*said, *cells, escaped.markdown(best), apart]
 

@@ -570,9 +570,10 @@ def test_policies_that_differ_pairwise_are_counted():
         return {"scores": [list(scores)], "listed": listed, "knows_future": knows_future}
 
     best, alike, worst = row(0.9, 0.8, 0.9), row(0.8, 0.9, 0.9), row(0.1, 0.2, 0.1)
-    assert told_apart([best, alike, worst]) == 2
-    assert told_apart([row(1.0, 1.0, 1.0, knows_future=True), best, worst]) == 2
-    assert told_apart([row(0.9), row(0.1)]) == 1  # no interval from a single seed
+    seer = row(1.0, 1.0, 1.0, knows_future=True)
+    assert told_apart({"rows": [best, alike, worst]}) == 2
+    assert told_apart({"rows": [seer, best, worst]}) == 2
+    assert told_apart({"rows": [row(0.9), row(0.1)]}) == 1  # no interval from a single seed
 
 
 @pytest.fixture(scope="module")
