@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import leaderboard_pages
 import yaml
@@ -96,7 +97,6 @@ CONTENDERS = (
     Contender("hover", "hover"),
     Contender("baseline", "baseline"),
     Contender("Q-learning", TRAINED, "q_learning", 5, GRIDS, tracks=("one",)),
-    Contender("SARSA", TRAINED, "sarsa", 5, GRIDS, tracks=("one",)),
     Contender("tour", "tour", families=("harvest",)),
     Contender("PPO of case 8", "ppo_case8_any.npz", families=("multi-service",)),
     Contender("greedy", "greedy"),
@@ -233,7 +233,7 @@ def make(parts: Sequence[str], jobs: int, *, only_list: bool, only_pages: bool) 
     since_s = spent_s()
     checks = read_receipts(_receipts()) if _receipts().exists() else {}
     there = [submission for one in entries() if (submission := one.submission()) is not None]
-    leaderboard_pages.write(PAGES, there, checks, times)
+    leaderboard_pages.write(PAGES, there, checks, times, len(entries()))
     times.add("pages", "pages", spent_s() - since_s)
     print(f"{PAGES}: {len(there)} of {len(entries())} submissions")
     return unlike
@@ -259,15 +259,17 @@ def _refer(chosen: Sequence[Entry], jobs: int, times: Times) -> None:
 
 
 def _each(
-    function: Callable[..., float], work: Sequence[Training | Entry], jobs: int, *kept: object
+    function: Callable[[Any], float],
+    work: Sequence[Training | Entry],
+    jobs: int,
+    times: Times,
+    kind: str,
 ) -> None:
     """Make parts, print each that has ended, and keep its processor time."""
-    times, kind = kept
-    assert isinstance(times, Times)
     with closing(run_each(function, [(one,) for one in work], jobs)) as ended:
         for count, (number, part_s) in enumerate(ended, 1):
             name = work[number].name
-            times.add(str(kind), name, part_s, anew=True)
+            times.add(kind, name, part_s, anew=True)
             print(f"{kind} {count} of {len(work)}: {name}: {part_s:.1f} s", flush=True)
 
 

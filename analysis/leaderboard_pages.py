@@ -41,12 +41,16 @@ Table = dict[str, Any]
 
 
 def write(
-    folder: Path, submissions: Sequence[Submission], checks: Mapping[str, str], times: Times
+    folder: Path,
+    submissions: Sequence[Submission],
+    checks: Mapping[str, str],
+    times: Times,
+    planned: int,
 ) -> None:
     """Write the overview, and a page and a figure for each task that has submissions with scores.
 
-    ``checks`` says of the digest of a submission how it was verified. Raises PolicyError if no
-    submission has a score.
+    ``checks`` says of the digest of a submission how it was verified, and ``planned`` is the number
+    of submissions in a whole leaderboard. Raises PolicyError if no submission has a score.
     """
     tables = board(submissions, checks)
     of_tasks = [table for table in tables if "task" in table and _competitors(table)]
@@ -63,7 +67,8 @@ def write(
     names = list(dict.fromkeys(one.about.name for one in submissions))
     of_all = [table for table in tables if "tasks" in table]
     ordered = [table for those in by_family.values() for table in those]
-    text = _overview(ordered, of_all, names, times, list(by_family))
+    there = f"{len(submissions)} of the {planned} submissions of the plan are there. "
+    text = _overview(ordered, of_all, names, there + _costs(times), list(by_family))
     write_at(folder / OVERVIEW, text.encode())
 
 
@@ -116,7 +121,7 @@ def _overview(
     tables: Sequence[Table],
     of_all: Sequence[Table],
     names: Sequence[str],
-    times: Times,
+    costs: str,
     families: Sequence[str],
 ) -> str:
     heads = ("Task", "Size", "Track", "Seeds", *map(escaped.markdown, names), "Best", "Apart")
@@ -134,7 +139,7 @@ def _overview(
         *map(_of_several, of_all),
         "## How it was made\n",
         '```sh by-hand="takes hours"\npython analysis/leaderboard.py -j 2\n```\n',
-        _costs(times),
+        costs,
         "```{toctree}\n:hidden:\n\n" + "".join(f"{family}\n" for family in families) + "```\n",
     ]
     return "\n".join(parts)
@@ -197,7 +202,7 @@ def _costs(times: Times) -> str:
     lines = [[kind, str(count), f"{spent_s / 60:.1f}"] for kind, (count, spent_s) in sums.items()]
     total_s = sum(spent_s for _, spent_s in sums.values())
     return (
-        f"The processor time of what is shown, in minutes ({processor()}); it includes the "
+        f"Their processor time in minutes ({processor()}); it includes the "
         f"compilation of the code. In all it was {total_s / 3600:.2f} hours on one core.\n\n"
         + _markdown(("Parts", "Number", "Minutes"), lines)
     )
