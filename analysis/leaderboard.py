@@ -32,7 +32,7 @@ import yaml
 from leaderboard_times import Times, spent_s
 
 import desim_uav as du
-from desim_uav.errors import DesimError, PolicyError, UsageError, printable
+from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError, printable
 from desim_uav.experiment.bench.kept import complete, reference_of
 from desim_uav.experiment.bench.receipts import add_receipt, digest_of, read_receipts
 from desim_uav.experiment.bench.run import submit
@@ -48,6 +48,7 @@ ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "analysis" / "leaderboard"
 PAGES = ROOT / "docs" / "benchmark"
 MADE = Path("runs") / "leaderboard"
+RECEIPTS, TIMES = "receipts.json", "times.csv"
 
 TRAINED = "{trained}"
 """What stands for the file of a training in the name of a policy."""
@@ -61,7 +62,7 @@ are those of ``desim-uav train``, which train tables as the task's key ``learnin
 
 SETTINGS = ("--steps", "400000", "-S", "episode.steps=120")
 """The settings of networks; all others are the defaults of ``policies/ppo.py``, but a task keeps
-its observation, and its reward if that is one of QoE, deadlines or age."""
+its reward if that is one of QoE, deadlines or age."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +223,7 @@ def make(parts: Sequence[str], jobs: int, *, only_list: bool, only_pages: bool) 
     if only_list:
         print(*(one.name for one in missing), sep="\n")
         return []
-    times, unlike = Times(FOLDER / "times.csv"), list[str]()
+    times, unlike = Times(FOLDER / TIMES), list[str]()
     if not only_pages:
         _refer(chosen, jobs, times)
         needed = {training: None for one in missing for training in one.trainings()}
@@ -230,13 +231,21 @@ def make(parts: Sequence[str], jobs: int, *, only_list: bool, only_pages: bool) 
         _each(trained, untrained, jobs, times, "training")
         _each(flown, missing, jobs, times, "runs")
         unlike = _verify(chosen, jobs, times)
-    since_s = spent_s()
-    checks = read_receipts(_receipts()) if _receipts().exists() else {}
-    there = [submission for one in entries() if (submission := one.submission()) is not None]
-    leaderboard_pages.write(PAGES, there, checks, times, len(entries()))
-    times.add("pages", "pages", spent_s() - since_s)
-    print(f"{PAGES}: {len(there)} of {len(entries())} submissions")
+    _write(times)
     return unlike
+
+
+def _write(times: Times) -> None:
+    """Write the pages of the submissions that are there."""
+    since_s, planned = spent_s(), entries()
+    there = [submission for one in planned if (submission := one.submission()) is not None]
+
+    def costs() -> str:
+        times.add("pages", "pages", spent_s() - since_s, anew=True)
+        return leaderboard_pages.costs(len(there), len(planned), times)
+
+    leaderboard_pages.write(PAGES, there, _checks(), costs)
+    print(f"{PAGES}: {len(there)} of {len(planned)} submissions")
 
 
 def _asked(entry: Entry, parts: Sequence[str]) -> bool:
@@ -276,7 +285,7 @@ def _each(
 def trained(training: Training) -> float:
     """Train a policy, and return the processor time that it took, in seconds.
 
-    The file has its name only after the training.
+    The file has its name only after the training. Raises SimulationError if that fails.
     """
     since_s, task, learner = spent_s(), training.task, training.learner
     new = MADE / "new" / training.name
@@ -284,9 +293,13 @@ def trained(training: Training) -> float:
     if learner in NETWORKS:
         new.mkdir(parents=True)
         options = ["--seed", str(training.seed), "--out", str(new / "policy.npz")]
-        options += [*SETTINGS, *NETWORKS[learner], *own_keys(task)]
+        options += [*SETTINGS, *NETWORKS[learner], *own_reward(task)]
         words = [str(ROOT / "policies" / "ppo.py"), str(task.path), *options]
-        subprocess.run([sys.executable, *words], check=True, stdout=subprocess.DEVNULL)
+        ended = subprocess.run(
+            [sys.executable, *words], check=False, capture_output=True, text=True
+        )
+        if ended.returncode != 0:
+            raise SimulationError(f"{training.name}: {ended.stderr.strip() or 'it has failed'}")
     else:
         du.train(
             task.path, algorithm=learner, seed=training.seed, world_seed=0, progress=False
@@ -296,12 +309,10 @@ def trained(training: Training) -> float:
     return spent_s() - since_s
 
 
-def own_keys(task: Task) -> list[str]:
-    """Return the options by which a network is trained on the task's own keys."""
-    own = yaml.safe_load(task.path.read_text(encoding="utf-8"))
-    there = {"observation": own.get("observation")}
-    there |= {"reward": own["reward"]} if own["reward"]["kind"] == "qoe" else {}
-    return [word for key, of in there.items() if of for word in ("-S", f"{key}={json.dumps(of)}")]
+def own_reward(task: Task) -> list[str]:
+    """Return the options by which a network is trained on the task's own reward."""
+    reward = yaml.safe_load(task.path.read_text(encoding="utf-8"))["reward"]
+    return ["-S", f"reward={json.dumps(reward)}"] if reward["kind"] == "qoe" else []
 
 
 def steps_of(entry: Entry) -> int | None:
@@ -338,8 +349,9 @@ def flown(entry: Entry) -> float:
     return spent_s() - since_s
 
 
-def _receipts() -> Path:
-    return FOLDER / "receipts.json"
+def _checks() -> dict[str, str]:
+    """Return how submissions were verified, by their digests."""
+    return read_receipts(FOLDER / RECEIPTS) if (FOLDER / RECEIPTS).exists() else {}
 
 
 def _verify(chosen: Sequence[Entry], jobs: int, times: Times) -> list[str]:
@@ -348,14 +360,14 @@ def _verify(chosen: Sequence[Entry], jobs: int, times: Times) -> list[str]:
     Returns every difference from a replay.
     """
     unlike = list[str]()
-    checks = read_receipts(_receipts()) if _receipts().exists() else {}
+    checks = _checks()
     work = [one for one in chosen if digest_of(FOLDER / one.name) not in checks]
     with closing(run_each(replayed, [(one,) for one in work], jobs)) as ended:
         for count, (number, (part_s, listed)) in enumerate(ended, 1):
             name = work[number].name
             unlike += [f"{name}: {line}" for line in listed]
             if not listed:
-                add_receipt(_receipts(), FOLDER / name, decided=False)
+                add_receipt(FOLDER / RECEIPTS, FOLDER / name, decided=False)
             times.add("verification", name, part_s, anew=True)
             print(f"verified {count} of {len(work)}: {name}: {part_s:.1f} s", flush=True)
     return unlike

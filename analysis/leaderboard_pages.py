@@ -6,7 +6,7 @@ performance profiles of all of them in one figure.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,6 @@ from desim_uav.experiment.bench.board import board
 from desim_uav.experiment.bench.score import Interval, Pairing, interquartile_mean, paired
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import FAMILIES, Task, find_task
-from desim_uav.experiment.provenance import processor
 from desim_uav.measures.known import KNOWN
 
 OVERVIEW = "overview.md"
@@ -44,13 +43,12 @@ def write(
     folder: Path,
     submissions: Sequence[Submission],
     checks: Mapping[str, str],
-    times: Times,
-    planned: int,
+    costs: Callable[[], str],
 ) -> None:
     """Write the overview, and a page and a figure for each task that has submissions with scores.
 
-    ``checks`` says of the digest of a submission how it was verified, and ``planned`` is the number
-    of submissions in a whole leaderboard. Raises PolicyError if no submission has a score.
+    ``checks`` says of the digest of a submission how it was verified, and ``costs``, which is
+    called last, returns what the leaderboard took. Raises PolicyError if no submission has a score.
     """
     tables = board(submissions, checks)
     of_tasks = [table for table in tables if "task" in table and _competitors(table)]
@@ -67,8 +65,7 @@ def write(
     names = list(dict.fromkeys(one.about.name for one in submissions))
     of_all = [table for table in tables if "tasks" in table]
     ordered = [table for those in by_family.values() for table in those]
-    there = f"{len(submissions)} of the {planned} submissions of the plan are there. "
-    text = _overview(ordered, of_all, names, there + _costs(times), list(by_family))
+    text = _overview(ordered, of_all, names, list(by_family), costs)
     write_at(folder / OVERVIEW, text.encode())
 
 
@@ -121,8 +118,8 @@ def _overview(
     tables: Sequence[Table],
     of_all: Sequence[Table],
     names: Sequence[str],
-    costs: str,
     families: Sequence[str],
+    costs: Callable[[], str],
 ) -> str:
     heads = ("Task", "Size", "Track", "Seeds", *map(escaped.markdown, names), "Best", "Apart")
     lines = [_of_task(table, names) for table in tables]
@@ -139,7 +136,7 @@ def _overview(
         *map(_of_several, of_all),
         "## How it was made\n",
         '```sh by-hand="takes hours"\npython analysis/leaderboard.py -j 2\n```\n',
-        costs,
+        costs(),
         "```{toctree}\n:hidden:\n\n" + "".join(f"{family}\n" for family in families) + "```\n",
     ]
     return "\n".join(parts)
@@ -196,14 +193,15 @@ def _of_several(table: Table) -> str:
     )
 
 
-def _costs(times: Times) -> str:
-    """Return the table of the processor time by kind of parts."""
+def costs(there: int, planned: int, times: Times) -> str:
+    """Return how many submissions are there, and the processor time by kind of parts."""
     sums = times.sums()
     lines = [[kind, str(count), f"{spent_s / 60:.1f}"] for kind, (count, spent_s) in sums.items()]
     total_s = sum(spent_s for _, spent_s in sums.values())
     return (
-        f"Their processor time in minutes ({processor()}); it includes the "
-        f"compilation of the code. In all it was {total_s / 3600:.2f} hours on one core.\n\n"
+        f"{there} of the {planned} submissions of the plan are there. They took "
+        f"{total_s / 3600:.2f} hours on one core ({'; '.join(times.processors())}), with the "
+        "compilation of the code. This is the processor time in minutes:\n\n"
         + _markdown(("Parts", "Number", "Minutes"), lines)
     )
 

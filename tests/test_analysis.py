@@ -17,7 +17,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from analysis.runs import read_runs
+from desim_uav.experiment.bench.submission import read
 from desim_uav.experiment.bench.tasks import tasks
+from desim_uav.experiment.bench.verify import differences
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -531,6 +533,15 @@ def test_a_submission_that_differs_from_its_replay_fails(leaderboard, lead, monk
     assert "| claimed |" in page and "| replayed |" not in page
 
 
+@pytest.mark.thorough
+def test_a_training_that_fails_is_told(leaderboard, lead, monkeypatch):
+    contender = leaderboard.Contender("PPO", leaderboard.TRAINED, "ppo")
+    monkeypatch.setattr(leaderboard, "CONTENDERS", [contender])
+    monkeypatch.setattr(leaderboard, "SETTINGS", ("--steps", "0"))
+    code, _, err = lead()
+    assert code == 1 and "coverage-small-ppo-0: --steps 0: must be from 1" in err
+
+
 def test_a_training_is_done_once_for_all_rows_that_need_it(leaderboard, lead, monkeypatch):
     trained = leaderboard.TRAINED
     rows = [("Q", trained), ("rollout", f"rollout:{trained}")]
@@ -560,6 +571,45 @@ def test_a_training_is_done_once_for_all_rows_that_need_it(leaderboard, lead, mo
 def test_what_the_leaderboard_refuses(lead, arguments, code, message):
     exit_code, out, err = lead(*arguments)
     assert (exit_code, out) == (code, "") and message in err
+
+
+KEPT = SCRIPTS / "leaderboard"
+
+
+@pytest.mark.thorough
+def test_the_pages_of_the_leaderboard_are_those_of_the_kept_submissions(monkeypatch, tmp_path):
+    script = importlib.import_module("leaderboard")
+    pages, written = script.PAGES, tmp_path / "pages"
+    monkeypatch.setattr(script, "PAGES", written)
+    monkeypatch.setattr(script.Times, "add", lambda *_, **__: None)
+    monkeypatch.setattr(sys, "argv", ["leaderboard.py", "--pages"])
+    assert script.main() == 0
+    names = sorted(page.name for page in pages.glob("*.md"))
+    assert names == sorted(page.name for page in written.glob("*.md"))
+    for name in names:
+        texts = [(folder / name).read_text(encoding="utf-8") for folder in (pages, written)]
+        assert texts[0] == texts[1], name
+    assert {folder.name for folder in KEPT.iterdir() if folder.is_dir()} == {
+        entry.name for entry in script.entries() if entry.submission() is not None
+    }
+
+
+SOON_VERIFIED = ("coverage-small-one-hover", "multi-service-small-one-random")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            folder.name,
+            marks=pytest.mark.thorough if folder.name in SOON_VERIFIED else pytest.mark.slow,
+        )
+        for folder in sorted(KEPT.iterdir())
+        if folder.is_dir()
+    ],
+)
+def test_the_kept_submissions_are_verified(name):
+    assert differences(read(KEPT / name)) == []
 
 
 def test_policies_that_differ_pairwise_are_counted():
