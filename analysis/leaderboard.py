@@ -1,243 +1,384 @@
-"""Make the whole leaderboard: references, bounds, trainings, submissions, tables and figure.
+"""Make the leaderboard of the benchmark from nothing: references, trainings, runs and pages.
 
-    python analysis/leaderboard.py [-j 2] [--missing] [PART]
+    python analysis/leaderboard.py [-j 2] [--list] [--pages] [PART…]
 
-Only what is missing or out of date is made: submissions in analysis/leaderboard, and the policies
-that are trained for them, in runs/leaderboard. With PART only those submissions are made whose
-folder's name contains it; with --missing they are only listed. The tables and the performance
-profile are then made of all submissions that are there. This calls leaderboard_ppo.py for the
-networks.
+Only what is missing is made, in this order: the references and bounds of all runs, the trained
+policies (in runs/leaderboard), the submissions (in analysis/leaderboard), their verification by a
+replay, and the pages in docs/benchmark with their figures. After Ctrl-C, what has ended is kept.
+With PART, only parts are made whose name contains one of these, such as edge-small or greedy.
+--list shows the parts that are missing, and --pages writes the pages of what is there.
 
-The processor time of each training and of each submission is kept in leaderboard_times.csv. At the
-end that of this call and the sum of all that are kept are printed.
+PLAN says which tasks, tracks and seeds are flown, and CONTENDERS which policies: a policy more is a
+line there. The processor time of each part is kept in analysis/leaderboard/times.csv, and the first
+page has its sums.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
+import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-import leaderboard_ppo
-import leaderboard_times
+import leaderboard_pages
+import yaml
+from leaderboard_times import Times, spent_s
 
 import desim_uav as du
-from desim_uav.errors import PolicyError
-from desim_uav.experiment.bench.kept import complete
+from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError, printable
+from desim_uav.experiment.bench.kept import complete, reference_of
+from desim_uav.experiment.bench.receipts import add_receipt, digest_of, read_receipts
 from desim_uav.experiment.bench.run import submit
-from desim_uav.experiment.bench.submission import read
-from desim_uav.experiment.bench.tasks import (
-    FAMILIES,
-    SIZES,
-    TRACKS,
-    TRAINING_SEEDS,
-    BenchTrack,
-    Task,
-    find_task,
-    tasks,
-)
+from desim_uav.experiment.bench.submission import Submission, read
+from desim_uav.experiment.bench.tasks import FAMILIES, TRACKS, BenchTrack, Task, find_task
+from desim_uav.experiment.bench.verify import differences
 from desim_uav.experiment.processes import run_each
+from desim_uav.policies.mlp import MlpFile
 from desim_uav.run_folder import RunPlace
+from desim_uav.scenario.load import loads
 
-FOLDER = Path(__file__).parent / "leaderboard"
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "analysis" / "leaderboard"
+PAGES = ROOT / "docs" / "benchmark"
 MADE = Path("runs") / "leaderboard"
+RECEIPTS, TIMES = "receipts.json", "times.csv"
 
-BUILT_IN, GREEDY = ("random", "hover", "baseline"), "greedy"
-LEARNED = {"Q-learning": "q_learning", "SARSA": "sarsa"}
-ROLLOUT, CLAIRVOYANT = "rollout of Q-learning", "clairvoyant, 10 tries"
-SEARCHED = {
-    *((family, size) for family in ("coverage", "multi-service") for size in ("small", "medium")),
-    ("urban", "small"),
-}
-"""The tasks in which the planners fly that search by simulations: families and sizes."""
+TRAINED = "{trained}"
+"""What stands for the file of a training in the name of a policy."""
+
+GRIDS = tuple(family for family in FAMILIES if family != "dispatch")
+"""The tasks whose drones choose among actions, as tables do."""
+
+NETWORKS = {"ppo": ("-S", "world_seed=0"), "ppo_any": ("--worlds", "train")}
+"""The learners of networks, by ``policies/ppo.py`` in world 0 or in training worlds; other learners
+are those of ``desim-uav train``, which train tables as the task's key ``learning`` says."""
+
+SETTINGS = ("--steps", "400000", "-S", "episode.steps=120")
+"""The settings of networks; all others are the defaults of ``policies/ppo.py``, but a task keeps
+its reward if that is one of QoE, deadlines or age."""
 
 
 @dataclass(frozen=True)
-class Table:
-    """A table that is trained in world 0 with the task's settings, and where it is kept."""
+class Field:
+    """Runs that are compared: those of the tasks of a size in a track, on its first seeds."""
+
+    size: str
+    track: str
+    seeds: int
+
+
+PLAN = (Field("small", "one", 10), Field("medium", "one", 10), Field("small", "any", 32))
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A policy of the leaderboard: its name there, what ``--policy`` accepts, and where it flies.
+
+    If ``TRAINED`` is in ``policy``, it is trained by a learner in so many trainings.
+    """
+
+    name: str
+    policy: str
+    learner: str = ""
+    trainings: int = 1
+    families: Sequence[str] = FAMILIES
+    sizes: Sequence[str] = ("small", "medium")
+    tracks: Sequence[str] = tuple(TRACKS)
+
+
+CONTENDERS = (
+    Contender("random", "random"),
+    Contender("hover", "hover"),
+    Contender("baseline", "baseline"),
+    Contender("Q-learning", TRAINED, "q_learning", 5, GRIDS, tracks=("one",)),
+    Contender("tour", "tour", families=("harvest",)),
+    Contender("PPO of case 8", "ppo_case8_any.npz", families=("multi-service",)),
+    Contender("greedy", "greedy"),
+    Contender("PPO", TRAINED, "ppo", 3, sizes=("small",), tracks=("one",)),
+    Contender("PPO", TRAINED, "ppo_any", 3, sizes=("small",), tracks=("any",)),
+)
+
+
+@dataclass(frozen=True)
+class Training:
+    """A training: the task, the learner and the seed."""
 
     task: Task
-    algorithm: str
+    learner: str
     seed: int
 
     @property
-    def place(self) -> Path:
-        """The file of the table."""
-        name = f"{self.task.family}-{self.task.size}-{self.algorithm}-{self.seed}"
-        return MADE / name / "policy.npz"
+    def name(self) -> str:
+        """The name of the training as a part."""
+        return f"{self.task.family}-{self.task.size}-{self.learner}-{self.seed}"
+
+    @property
+    def file(self) -> Path:
+        """The file of the trained policy."""
+        return MADE / self.name / "policy.npz"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What flies in a task: its name on the leaderboard, its tracks, and its trainings."""
+    """A submission: a contender in a task and track, with its first seeds."""
 
+    contender: Contender
     task: Task
-    name: str
-    tracks: Sequence[str] = tuple(TRACKS)
-    trainings: int = 0
+    track: BenchTrack
 
-    def label(self, track: str) -> str:
-        """Return the name of a submission's folder."""
-        said = "".join(letter if letter.isalnum() else "-" for letter in self.name.lower())
-        return f"{self.task.family}-{self.task.size}-{track}-{said}"
+    @property
+    def name(self) -> str:
+        """The name of the submission's folder."""
+        words = "".join(one if one.isalnum() else "-" for one in self.contender.name.lower())
+        return f"{_field(self.task, self.track)}-{words}"
+
+    def trainings(self) -> list[Training]:
+        """Return the trainings whose policies fly."""
+        contender = self.contender
+        many = contender.trainings if TRAINED in contender.policy else 0
+        return [Training(self.task, contender.learner, seed) for seed in range(many)]
 
     def policies(self) -> list[str]:
-        """Return the policies that fly, of which those that are learned may have to be trained."""
-        if self.name == CLAIRVOYANT:
-            return ["clairvoyant:tries=10"]
-        before = "rollout:" if self.name == ROLLOUT else ""
-        return [f"{before}{table.place}" for table in self.tables()] or [self.name]
+        """Return the policies as ``--policy`` accepts them."""
+        policy = self.contender.policy
+        return [policy.replace(TRAINED, str(one.file)) for one in self.trainings()] or [policy]
 
-    def tables(self) -> list[Table]:
-        """Return the tables that fly, or that a planner continues with."""
-        algorithm, many = {ROLLOUT: ("q_learning", 1)}.get(
-            self.name, (LEARNED.get(self.name, ""), self.trainings)
-        )
-        return [Table(self.task, algorithm, seed) for seed in range(many)]
-
-    def training_steps(self) -> int | None:
-        """Return the decision epochs of a training; None if nothing is trained."""
-        if self.name in (*BUILT_IN, GREEDY, CLAIRVOYANT):
+    def submission(self) -> Submission | None:
+        """Return the submission if it is there, of this task, with all seeds and trainings."""
+        try:
+            there = read(FOLDER / self.name)
+        except PolicyError:
             return None
-        scenario = self.task.scenario(TRACKS["one"])
-        return scenario.learning.episodes * scenario.episode.steps
+        about, wanted = there.about, (list(self.track.seeds), len(self.policies()))
+        whole = (about.seeds, len(about.trainings)) == wanted and not about.interrupted
+        return there if whole else None
 
 
-def entries() -> Iterator[Entry]:
-    """Yield what the leaderboard has, what is cheap first."""
-    known = [find_task(f"uav-v1/{family}/{size}") for size in SIZES for family in FAMILIES]
-    yield from (Entry(task, name) for task in known for name in BUILT_IN)
-    for task in known:
-        if not task.scenario(TRACKS["one"]).free:  # tables choose among actions
-            yield from (Entry(task, name, trainings=TRAINING_SEEDS) for name in LEARNED)
-    yield from (Entry(task, GREEDY) for task in known if task.size == SIZES[0])
-    for name in (ROLLOUT, CLAIRVOYANT):
-        searched = [task for task in known if (task.family, task.size) in SEARCHED]
-        yield from (Entry(task, name, ("one",)) for task in searched)
-    yield from (Entry(task, GREEDY) for task in known if task.size != SIZES[0])
+def _field(task: Task, track: BenchTrack) -> str:
+    return f"{task.family}-{task.size}-{track.name}"
 
 
-def main() -> None:
-    """Make what is missing, then the tables and the figure of all."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-j", dest="jobs", type=int, default=1)
-    parser.add_argument("--missing", action="store_true")
-    parser.add_argument("part", nargs="?", default="")
-    asked = parser.parse_args()
-    if asked.missing:
-        print(*told_missing(asked.part), sep="\n")
-        return
-    since_s, work = time.perf_counter(), missing(asked.part)
-    chosen = [task for task in tasks().values() if task in [e.task for e, _ in work]]
-    complete(chosen, [*TRACKS.values()], asked.jobs)
-    train_all([entry for entry, _ in work], asked.jobs)
-    with closing(run_each(make, work, asked.jobs)) as ended:
-        for number, spent_s in ended:
-            entry, tracks = work[number]
-            leaderboard_times.keep(FOLDER, spent_s)
-            total_s = sum(spent_s.values())
-            print(f"{', '.join(map(entry.label, tracks))}: {total_s:.1f} s of processor time")
-            sys.stdout.flush()
-    leaderboard_ppo.complete(asked.part, asked.jobs)
-    page = MADE / "leaderboard.md"
-    du.bench_board([FOLDER], out=page, figure=page.with_suffix(".svg"))
-    print(
-        f"{page}: {len(work)} of {len([*entries()])} entries were made, "
-        f"{leaderboard_times.spent_s():.0f} s of processor time, "
-        f"{time.perf_counter() - since_s:.0f} s in all"
-    )
-    kept_s = leaderboard_times.kept(FOLDER)
-    print(f"in all {sum(kept_s.values()):.0f} s of processor time for {len(kept_s)} parts")
+def fields() -> Iterator[tuple[Task, BenchTrack]]:
+    """Yield the tasks and tracks of the plan, with the seeds that are flown."""
+    for field in PLAN:
+        track = TRACKS[field.track]
+        for family in FAMILIES:
+            task = find_task(f"uav-v1/{family}/{field.size}")
+            yield task, replace(track, seeds=track.seeds[: field.seeds])
 
 
-def missing(part: str = "") -> list[tuple[Entry, list[str]]]:
-    """Return what is missing or out of date, and in which tracks."""
-    found = []
-    for entry in entries():
-        asked = [name for name in entry.tracks if part in entry.label(name)]
-        tracks = [name for name in asked if not is_up_to_date(entry, TRACKS[name])]
-        if tracks:
-            found.append((entry, tracks))
-    return found
-
-
-def told_missing(part: str = "") -> list[str]:
-    """Return the rows that are missing, and those with fewer trainings than the protocol asks."""
-    rows = [
-        f"{entry.task.family}, {entry.task.size}, track {track}: {entry.name}"
-        for entry, tracks in missing(part)
-        for track in tracks
+def entries() -> list[Entry]:
+    """Return all submissions of the leaderboard, in the order in which they are made."""
+    return [
+        Entry(contender, task, track)
+        for field in PLAN
+        for contender in CONTENDERS
+        for task, track in fields()
+        if (task.size, track.name) == (field.size, field.track)
+        and task.family in contender.families
+        and task.size in contender.sizes
+        and track.name in contender.tracks
     ]
-    return rows + leaderboard_ppo.told_missing(part)
 
 
-def is_up_to_date(entry: Entry, track: BenchTrack) -> bool:
-    """Return whether a submission is there, of this version of the task, with all its runs."""
+def main() -> int:
+    """Make what is missing; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("-j", dest="jobs", type=int, default=1, help="parts at a time")
+    parser.add_argument("--list", action="store_true", help="only list what is missing")
+    parser.add_argument("--pages", action="store_true", help="only write the pages")
+    parser.add_argument("parts", nargs="*", metavar="PART", help="make only parts with such names")
+    asked = parser.parse_args()
     try:
-        found = read(FOLDER / entry.label(track.name))
-    except PolicyError:
-        return False
-    return (
-        found.about.seeds == [*track.seeds]
-        and len(found.about.trainings) == max(1, entry.trainings)
-        and not found.about.interrupted
-    )
+        unlike = make(asked.parts, asked.jobs, only_list=asked.list, only_pages=asked.pages)
+    except DesimError as error:
+        print(printable(f"leaderboard.py: {error}"), file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("leaderboard.py: interrupted; what has ended is kept", file=sys.stderr)
+        return 130
+    print(*unlike, sep="\n", end="\n" if unlike else "", file=sys.stderr)
+    return 6 if unlike else 0
 
 
-def train_all(entries: Sequence[Entry], jobs: int) -> None:
-    """Train the tables that fly and are not there, each once though several entries need it."""
-    tables = {table: None for entry in entries for table in entry.tables()}
-    work = [(table,) for table in tables if not table.place.exists()]
-    with closing(run_each(trained, work, jobs)) as ended:
-        for number, spent_s in ended:
-            name = work[number][0].place.parent.name
-            leaderboard_times.keep(FOLDER, {f"training of {name}": spent_s})
-            print(f"{name}: {spent_s:.1f} s of processor time", flush=True)
+def make(parts: Sequence[str], jobs: int, *, only_list: bool, only_pages: bool) -> list[str]:
+    """Make the parts that are missing, or list them, or only write the pages.
 
-
-def trained(table: Table) -> float:
-    """Train a table, and return the processor time that it took, in seconds."""
-    since_s = time.process_time()
-    learned = du.train(
-        table.task.path, algorithm=table.algorithm, seed=table.seed, world_seed=0, progress=False
-    )
-    learned.save(table.place.parent)
-    return time.process_time() - since_s
-
-
-def make(entry: Entry, tracks: Sequence[str]) -> dict[str, float]:
-    """Make the submissions of an entry that are out of date.
-
-    Returns the processor time of each in seconds. The tables that fly are there.
+    Returns in what submissions differ from their replay. Raises UsageError if no submission has
+    such a name.
     """
-    spent_s: dict[str, float] = {}
-    policies, steps = entry.policies(), entry.training_steps()
-    for track in (TRACKS[name] for name in tracks):
-        if is_up_to_date(entry, track):
+    chosen = [one for one in entries() if _asked(one, parts)]
+    if not chosen:
+        raise UsageError(f"{' '.join(parts)}: no part of the leaderboard has such a name")
+    if jobs < 1:
+        raise UsageError(f"-j {jobs}: must be at least 1")
+    missing = [one for one in chosen if one.submission() is None]
+    if only_list:
+        print(*(one.name for one in missing), sep="\n")
+        return []
+    times, unlike = Times(FOLDER / TIMES), list[str]()
+    if not only_pages:
+        _refer(chosen, jobs, times)
+        needed = {training: None for one in missing for training in one.trainings()}
+        untrained = [one for one in needed if not one.file.exists()]
+        _each(trained, untrained, jobs, times, "training")
+        _each(flown, missing, jobs, times, "runs")
+        unlike = _verify(chosen, jobs, times)
+    _write(times)
+    return unlike
+
+
+def _write(times: Times) -> None:
+    """Write the pages of the submissions that are there."""
+    since_s, planned = spent_s(), entries()
+    there = [submission for one in planned if (submission := one.submission()) is not None]
+
+    def costs() -> str:
+        times.add("pages", "pages", spent_s() - since_s, anew=True)
+        return leaderboard_pages.costs(len(there), len(planned), times)
+
+    leaderboard_pages.write(PAGES, there, _checks(), costs)
+    print(f"{PAGES}: {len(there)} of {len(planned)} submissions")
+
+
+def _asked(entry: Entry, parts: Sequence[str]) -> bool:
+    return not parts or any(part in entry.name for part in parts)
+
+
+def _refer(chosen: Sequence[Entry], jobs: int, times: Times) -> None:
+    """Compute the references and bounds that are missing, or whose time is unknown."""
+    for task, track in dict.fromkeys((one.task, one.track) for one in chosen):
+        name, kind = _field(task, track), "references"
+        anew = (kind, name) not in times.all()
+        if not anew and all(reference_of(task, track, seed) for seed in track.seeds):
             continue
-        since_s = time.process_time()
-        folder, new = (where / entry.label(track.name) for where in (FOLDER, MADE / "new"))
-        shutil.rmtree(new, ignore_errors=True)
-        command = ["desim-uav", "bench", "run", entry.task.name, "--track", track.name]
-        command += [word for policy in policies for word in ("--policy", policy)]
-        command += ["--name", entry.name]
-        command += [] if steps is None else ["--training-steps", str(steps)]
-        submit(
-            *(entry.task, track, policies, RunPlace(new, new.name)),
-            name=entry.name,
-            training_steps=steps,
-            command=command,
+        since_s = spent_s()
+        try:
+            complete([task], [track], jobs, anew=anew)
+        finally:
+            times.add(kind, name, spent_s() - since_s)
+        print(f"references of {name}: {spent_s() - since_s:.1f} s of processor time", flush=True)
+
+
+def _each(
+    function: Callable[[Any], float],
+    work: Sequence[Training | Entry],
+    jobs: int,
+    times: Times,
+    kind: str,
+) -> None:
+    """Make parts, print each that has ended, and keep its processor time."""
+    with closing(run_each(function, [(one,) for one in work], jobs)) as ended:
+        for count, (number, part_s) in enumerate(ended, 1):
+            name = work[number].name
+            times.add(kind, name, part_s, anew=True)
+            print(f"{kind} {count} of {len(work)}: {name}: {part_s:.1f} s", flush=True)
+
+
+def trained(training: Training) -> float:
+    """Train a policy, and return the processor time that it took, in seconds.
+
+    The file has its name only after the training. Raises SimulationError if that fails.
+    """
+    since_s, task, learner = spent_s(), training.task, training.learner
+    new = MADE / "new" / training.name
+    shutil.rmtree(new, ignore_errors=True)
+    if learner in NETWORKS:
+        new.mkdir(parents=True)
+        options = ["--seed", str(training.seed), "--out", str(new / "policy.npz")]
+        options += [*SETTINGS, *NETWORKS[learner], *own_reward(task)]
+        words = [str(ROOT / "policies" / "ppo.py"), str(task.path), *options]
+        ended = subprocess.run(
+            [sys.executable, *words], check=False, capture_output=True, text=True
         )
-        shutil.rmtree(folder, ignore_errors=True)
-        shutil.move(new, folder)
-        spent_s[entry.label(track.name)] = time.process_time() - since_s
-    return spent_s
+        if ended.returncode != 0:
+            raise SimulationError(f"{training.name}: {ended.stderr.strip() or 'it has failed'}")
+    else:
+        du.train(
+            task.path, algorithm=learner, seed=training.seed, world_seed=0, progress=False
+        ).save(new)
+    shutil.rmtree(training.file.parent, ignore_errors=True)
+    shutil.move(new, training.file.parent)
+    return spent_s() - since_s
+
+
+def own_reward(task: Task) -> list[str]:
+    """Return the options by which a network is trained on the task's own reward."""
+    reward = yaml.safe_load(task.path.read_text(encoding="utf-8"))["reward"]
+    return ["-S", f"reward={json.dumps(reward)}"] if reward["kind"] == "qoe" else []
+
+
+def steps_of(entry: Entry) -> int | None:
+    """Return the decision epochs of a training; None if nothing is trained here."""
+    trainings = entry.trainings()
+    if not trainings:
+        return None
+    if trainings[0].learner in NETWORKS:
+        about = MlpFile(trainings[0].file).about["training"]
+        return int(about["steps_done"] // loads(about["scenario_yaml"]).drone_count)
+    scenario = entry.task.scenario(TRACKS["one"])
+    return scenario.learning.episodes * scenario.episode.steps
+
+
+def flown(entry: Entry) -> float:
+    """Make a submission, and return the processor time that it took, in seconds."""
+    since_s, policies, steps = spent_s(), entry.policies(), steps_of(entry)
+    new, folder = MADE / "new" / entry.name, FOLDER / entry.name
+    shutil.rmtree(new, ignore_errors=True)
+    command = ["desim-uav", "bench", "run", entry.task.name, "--track", entry.track.name]
+    command += [word for policy in policies for word in ("--policy", policy)]
+    command += ["--seeds", str(len(entry.track.seeds)), "--name", entry.contender.name]
+    command += [] if steps is None else ["--training-steps", str(steps)]
+    submit(
+        *(entry.task, entry.track, policies, RunPlace(new, new.name)),
+        name=entry.contender.name,
+        seeds=entry.track.seeds,
+        training_steps=steps,
+        command=command,
+    )
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    shutil.move(new, folder)
+    return spent_s() - since_s
+
+
+def _checks() -> dict[str, str]:
+    """Return how submissions were verified, by their digests."""
+    return read_receipts(FOLDER / RECEIPTS) if (FOLDER / RECEIPTS).exists() else {}
+
+
+def _verify(chosen: Sequence[Entry], jobs: int, times: Times) -> list[str]:
+    """Replay the submissions without a receipt, and note those that are verified.
+
+    Returns every difference from a replay.
+    """
+    unlike = list[str]()
+    checks = _checks()
+    work = [one for one in chosen if digest_of(FOLDER / one.name) not in checks]
+    with closing(run_each(replayed, [(one,) for one in work], jobs)) as ended:
+        for count, (number, (part_s, listed)) in enumerate(ended, 1):
+            name = work[number].name
+            unlike += [f"{name}: {line}" for line in listed]
+            if not listed:
+                add_receipt(FOLDER / RECEIPTS, FOLDER / name, decided=False)
+            times.add("verification", name, part_s, anew=True)
+            print(f"verified {count} of {len(work)}: {name}: {part_s:.1f} s", flush=True)
+    return unlike
+
+
+def replayed(entry: Entry) -> tuple[float, list[str]]:
+    """Verify a submission; return the processor time and the differences from its replay."""
+    since_s = time.process_time()
+    listed = differences(read(FOLDER / entry.name))
+    return time.process_time() - since_s, listed
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

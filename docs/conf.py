@@ -20,6 +20,7 @@ exclude_patterns = ["_build", "_generated", "**.ipynb_checkpoints"]
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["wide.css"]
+html_js_files = ["sort.js"]
 html_math_renderer = "mathml"
 html_title = f"desim-uav {__version__}"
 

@@ -17,7 +17,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from analysis.runs import read_runs
-from desim_uav.experiment.bench.tasks import TRACKS, tasks
+from desim_uav.experiment.bench.submission import read
+from desim_uav.experiment.bench.tasks import tasks
+from desim_uav.experiment.bench.verify import differences
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -441,89 +443,187 @@ class TestEach:
 
 
 @pytest.fixture
-def leaderboard():
-    return runpy.run_path(str(SCRIPTS / "leaderboard.py"), run_name="leaderboard")
+def leaderboard(monkeypatch, tmp_path):
+    """The script with a plan of one seed of a task for two policies, in a folder of its own."""
+    script = importlib.import_module("leaderboard")
+    contenders = (script.Contender("hover", "hover"), script.Contender("baseline", "baseline"))
+    for name, value in {
+        "FOLDER": tmp_path / "kept",
+        "PAGES": tmp_path / "pages",
+        "MADE": tmp_path / "made",
+        "FAMILIES": ("coverage",),
+        "PLAN": (script.Field("small", "one", 1),),
+        "CONTENDERS": contenders,
+        "complete": lambda *_, **__: None,  # which writes to the tasks
+    }.items():
+        monkeypatch.setattr(script, name, value)
+    return script
 
 
-def test_the_leaderboard_has_every_task_and_track(leaderboard):
-    entries = list(leaderboard["entries"]())
-    labels = [entry.label(track) for entry in entries for track in entry.tracks]
-    assert len(set(labels)) == len(labels)
-    assert {*labels} >= {
-        f"{task.family}-{task.size}-{track}-{name}"
+@pytest.fixture
+def lead(leaderboard, monkeypatch, capsys):
+    """Call the script with arguments; return its exit code and what it printed."""
+
+    def called(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["leaderboard.py", *arguments])
+        return leaderboard.main(), *capsys.readouterr()
+
+    return called
+
+
+def test_the_leaderboard_has_every_task():
+    script = importlib.import_module("leaderboard")
+    names = [entry.name for entry in script.entries()]
+    assert len({*names}) == len(names)
+    assert {*names} >= {
+        f"{task.family}-{field.size}-{field.track}-{name}"
+        for field in script.PLAN
         for task in tasks().values()
-        for track in TRACKS
-        for name in ("random", "hover", "baseline", "greedy", "q-learning", "sarsa")
-        if not (task.scenario(TRACKS[track]).free and name in ("q-learning", "sarsa"))
+        if task.size == field.size
+        for name in ("random", "hover", "baseline", "greedy")
     }
-    learners = [entry for entry in entries if entry.trainings]
-    assert {(len(entry.policies()), entry.training_steps()) for entry in learners} >= {
-        (10, 360_000)
-    }
-
-
-def test_the_leaderboard_lists_what_is_missing(leaderboard, monkeypatch, tmp_path, capsys):
-    main = leaderboard["main"]
-    monkeypatch.setitem(main.__globals__, "FOLDER", tmp_path)
-    up_to_date = leaderboard["is_up_to_date"]
-    monkeypatch.setitem(
-        leaderboard["missing"].__globals__,
-        "is_up_to_date",
-        lambda entry, track: entry.name == "hover" or up_to_date(entry, track),
-    )
-    monkeypatch.setattr(sys, "argv", ["leaderboard.py", "--missing", "coverage-small-one"])
-    main()
-    listed = capsys.readouterr().out.splitlines()
-    told = [row.removeprefix("coverage, small, track one: ") for row in listed]
-    assert told[:5] == ["random", "baseline", "Q-learning", "SARSA", "greedy"]
-    assert not list(tmp_path.glob("*baseline"))
-
-
-def test_a_table_that_two_rows_need_is_trained_once(leaderboard, monkeypatch, tmp_path):
-    train_all, made = leaderboard["train_all"], []
-    monkeypatch.setitem(train_all.__globals__, "FOLDER", tmp_path / "rows")
-    monkeypatch.setitem(train_all.__globals__, "trained", lambda table: made.append(table) or 1.5)
-    monkeypatch.chdir(tmp_path)
-    rows = [
-        entry
-        for entry in leaderboard["entries"]()
-        if entry.label("one").startswith("coverage-small-one-")
-    ]
-    assert {entry.name for entry in rows if entry.tables()} == {
-        "Q-learning",
-        "SARSA",
-        "rollout of Q-learning",
-    }
-    train_all(rows, 1)
-    assert sorted((table.algorithm, table.seed) for table in made) == [
-        (algorithm, seed) for algorithm in ("q_learning", "sarsa") for seed in range(10)
-    ]
-    times = (tmp_path / "leaderboard_times.csv").read_text(encoding="utf-8")
-    assert times.count("training of coverage-small-") == 20
+    assert not [name for name in names if "dispatch" in name and "q-learning" in name]
 
 
 @pytest.mark.thorough
-def test_the_leaderboard_makes_what_is_missing_and_no_more(leaderboard, monkeypatch, tmp_path):
-    monkeypatch.setattr(sys, "argv", ["leaderboard.py", "coverage-small-one-hover"])
-    monkeypatch.chdir(tmp_path)
-    main = leaderboard["main"]
-    monkeypatch.setitem(main.__globals__, "complete", lambda *_: None)  # which writes to the tasks
-    monkeypatch.setitem(main.__globals__, "FOLDER", tmp_path / "rows")
-    rows = tmp_path / "rows" / "coverage-small-one-hover" / "rows.csv"
-    main()
-    page = (tmp_path / "runs" / "leaderboard" / "leaderboard.md").read_text(encoding="utf-8")
-    assert re.search(r"\| hover \| -\d", page)
-    assert (tmp_path / "runs" / "leaderboard" / "leaderboard.svg").exists()
-    made = rows.stat().st_mtime_ns
-    times = (tmp_path / "leaderboard_times.csv").read_text(encoding="utf-8")
-    assert re.fullmatch(r"made,processor_s\n(coverage-small-(one|any)-hover,[0-9.]+\n)+", times), (
-        times
+def test_the_leaderboard_is_made_once_and_what_was_changed_is_made_anew(leaderboard, lead):
+    assert lead("--list")[:2] == (0, "coverage-small-one-hover\ncoverage-small-one-baseline\n")
+    assert lead("hover")[0] == 0
+    hover = leaderboard.FOLDER / "coverage-small-one-hover" / "rows.csv"
+    made, page = hover.stat().st_mtime_ns, leaderboard.PAGES / "coverage.md"
+    assert re.search(r"\| hover \| -\d", page.read_text(encoding="utf-8"))
+    code, out, _ = lead()
+    assert code == 0 and "2 of 2 submissions" in out and "hover:" not in out
+    assert hover.stat().st_mtime_ns == made
+    overview = (leaderboard.PAGES / "overview.md").read_text(encoding="utf-8")
+    assert re.search(
+        r"\| \[coverage\]\(.*\| small \| one \| 1 \| -.* \| \*\*0.000\*\* \|", overview
     )
-    main()
-    assert rows.stat().st_mtime_ns == made
-    (rows.parent / "manifest.json").write_text("{}", encoding="utf-8")
-    main()
-    assert rows.stat().st_mtime_ns > made
+    assert "| verification | 2 |" in overview and "| replayed |" in page.read_text(encoding="utf-8")
+    assert (leaderboard.PAGES / "coverage.png").read_bytes().startswith(b"\x89PNG")
+    hover.write_text(hover.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    assert lead("--list")[1] == "coverage-small-one-hover\n"
+    assert lead()[0] == 0 and lead("--list")[1].strip() == ""
+
+
+@pytest.mark.thorough
+def test_an_interrupted_leaderboard_goes_on(leaderboard, lead, monkeypatch):
+    flown, calls = leaderboard.flown, []
+
+    def interrupted(entry):
+        if calls:
+            raise KeyboardInterrupt
+        calls.append(entry.name)
+        return flown(entry)
+
+    monkeypatch.setattr(leaderboard, "flown", interrupted)
+    assert lead()[0] == 130
+    monkeypatch.setattr(leaderboard, "flown", flown)
+    assert lead("--list")[1] == "coverage-small-one-baseline\n"
+    code, out, _ = lead()
+    assert code == 0 and "runs 1 of 1: coverage-small-one-baseline" in out
+
+
+@pytest.mark.thorough
+def test_a_submission_that_differs_from_its_replay_fails(leaderboard, lead, monkeypatch):
+    monkeypatch.setattr(leaderboard, "differences", lambda _: ["seed 100: digest"])
+    code, _, err = lead("hover")
+    assert (code, err) == (6, "coverage-small-one-hover: seed 100: digest\n")
+    page = (leaderboard.PAGES / "coverage.md").read_text(encoding="utf-8")
+    assert "| claimed |" in page and "| replayed |" not in page
+
+
+@pytest.mark.thorough
+def test_a_training_that_fails_is_told(leaderboard, lead, monkeypatch):
+    contender = leaderboard.Contender("PPO", leaderboard.TRAINED, "ppo")
+    monkeypatch.setattr(leaderboard, "CONTENDERS", [contender])
+    monkeypatch.setattr(leaderboard, "SETTINGS", ("--steps", "0"))
+    code, _, err = lead()
+    assert code == 1 and "coverage-small-ppo-0: --steps 0: must be from 1" in err
+
+
+def test_a_training_is_done_once_for_all_rows_that_need_it(leaderboard, lead, monkeypatch):
+    trained = leaderboard.TRAINED
+    rows = [("Q", trained), ("rollout", f"rollout:{trained}")]
+    contenders = [leaderboard.Contender(*row, "q_learning", 2) for row in rows]
+    monkeypatch.setattr(leaderboard, "CONTENDERS", contenders)
+    made = []
+    monkeypatch.setattr(leaderboard, "trained", lambda one: made.append(one.name) or 1.5)
+    monkeypatch.setattr(leaderboard, "flown", lambda entry: made.append(entry.policies()) or 2.5)
+    monkeypatch.setattr(leaderboard, "_verify", lambda *_: [])
+    assert lead()[0] == 4  # nothing was flown, so there are no pages
+    names = [f"coverage-small-q_learning-{seed}" for seed in range(2)]
+    files = [str(leaderboard.MADE / name / "policy.npz") for name in names]
+    assert made == [*names, files, [f"rollout:{file}" for file in files]]
+    assert (
+        "training,coverage-small-q_learning-1,1.5" in (leaderboard.FOLDER / "times.csv").read_text()
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["nonesuch"], 2, "nonesuch: no part of the leaderboard has such a name"),
+        (["-j", "0"], 2, "-j 0: must be at least 1"),
+        (["--pages"], 4, "there are no pages without a submission"),
+    ],
+)
+def test_what_the_leaderboard_refuses(lead, arguments, code, message):
+    exit_code, out, err = lead(*arguments)
+    assert (exit_code, out) == (code, "") and message in err
+
+
+KEPT = SCRIPTS / "leaderboard"
+
+
+@pytest.mark.thorough
+def test_the_pages_of_the_leaderboard_are_those_of_the_kept_submissions(monkeypatch, tmp_path):
+    script = importlib.import_module("leaderboard")
+    pages, written = script.PAGES, tmp_path / "pages"
+    monkeypatch.setattr(script, "PAGES", written)
+    monkeypatch.setattr(script.Times, "add", lambda *_, **__: None)
+    monkeypatch.setattr(sys, "argv", ["leaderboard.py", "--pages"])
+    assert script.main() == 0
+    names = sorted(page.name for page in pages.glob("*.md"))
+    assert names == sorted(page.name for page in written.glob("*.md"))
+    for name in names:
+        texts = [(folder / name).read_text(encoding="utf-8") for folder in (pages, written)]
+        assert texts[0] == texts[1], name
+    assert {folder.name for folder in KEPT.iterdir() if folder.is_dir()} == {
+        entry.name for entry in script.entries() if entry.submission() is not None
+    }
+
+
+SOON_VERIFIED = ("coverage-small-one-hover", "multi-service-small-one-random")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            folder.name,
+            marks=pytest.mark.thorough if folder.name in SOON_VERIFIED else pytest.mark.slow,
+        )
+        for folder in sorted(KEPT.iterdir())
+        if folder.is_dir()
+    ],
+)
+def test_the_kept_submissions_are_verified(name):
+    assert differences(read(KEPT / name)) == []
+
+
+def test_policies_that_differ_pairwise_are_counted():
+    told_apart = importlib.import_module("leaderboard_pages").told_apart
+
+    def row(*scores: float, knows_future: bool = False) -> dict[str, object]:
+        listed = list(range(len(scores)))
+        return {"scores": [list(scores)], "listed": listed, "knows_future": knows_future}
+
+    best, alike, worst = row(0.9, 0.8, 0.9), row(0.8, 0.9, 0.9), row(0.1, 0.2, 0.1)
+    seer = row(1.0, 1.0, 1.0, knows_future=True)
+    assert told_apart({"rows": [best, alike, worst]}) == 2
+    assert told_apart({"rows": [seer, best, worst]}) == 2
+    assert told_apart({"rows": [row(0.9), row(0.1)]}) == 1  # no interval from a single seed
 
 
 @pytest.fixture(scope="module")

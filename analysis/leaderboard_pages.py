@@ -1,0 +1,313 @@
+"""The pages of the leaderboard: an overview of tasks by policies, and a page for each task.
+
+They are made of submissions alone. A page of a task has a section for each size and track, and the
+performance profiles of all of them in one figure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from leaderboard_times import Times
+from script import row as line
+
+from desim_uav import escaped
+from desim_uav.disk import write_at
+from desim_uav.errors import PolicyError
+from desim_uav.experiment.bench import profile
+from desim_uav.experiment.bench.board import board
+from desim_uav.experiment.bench.score import Interval, Pairing, interquartile_mean, paired
+from desim_uav.experiment.bench.submission import Submission
+from desim_uav.experiment.bench.tasks import FAMILIES, Task, find_task
+from desim_uav.measures.known import KNOWN
+
+OVERVIEW = "overview.md"
+NOTE = "<!-- written by analysis/leaderboard.py -->\n\n"
+SCORES = ("Policy", "Score", "Less than the best by", "Better than the best", "Better than 0")
+OTHERS = (
+    *("Policy", "Fairness", "Worst tenth of users, QoE1 %", "J per Mbit", "Decision, ms"),
+    *("Uses", "Checked", "Trainings", "Seeds"),
+)
+
+NEARLY_SOLVED, MANY = 0.9, 3
+"""A score above which little is left to gain, and the policies that a task should tell apart."""
+
+Table = dict[str, Any]
+
+
+def write(
+    folder: Path,
+    submissions: Sequence[Submission],
+    checks: Mapping[str, str],
+    costs: Callable[[], str],
+) -> None:
+    """Write the overview, and a page and a figure for each task that has submissions with scores.
+
+    ``checks`` says of the digest of a submission how it was verified, and ``costs``, which is
+    called last, returns what the leaderboard took. Raises PolicyError if no submission has a score.
+    """
+    tables = board(submissions, checks)
+    of_tasks = [table for table in tables if "task" in table and _competitors(table)]
+    if not of_tasks:
+        raise PolicyError(f"{folder}: there are no pages without a submission that has a score")
+    folder.mkdir(parents=True, exist_ok=True)
+    by_family: dict[str, list[Table]] = {}
+    for table in sorted(of_tasks, key=lambda each: FAMILIES.index(_task(each).family)):
+        by_family.setdefault(_task(table).family, []).append(table)
+    for family, those in by_family.items():
+        write_at(folder / f"{family}.png", _figure(those))
+        own = [one for one in submissions if one.task.family == family]
+        write_at(folder / f"{family}.md", _page(family, those, own).encode())
+    names = list(dict.fromkeys(one.about.name for one in submissions))
+    of_all = [table for table in tables if "tasks" in table]
+    ordered = [table for those in by_family.values() for table in those]
+    text = _overview(ordered, of_all, names, list(by_family), costs)
+    write_at(folder / OVERVIEW, text.encode())
+
+
+def _task(table: Table) -> Task:
+    return find_task(table["task"])
+
+
+def _figure(tables: Sequence[Table]) -> bytes:
+    """Return the performance profiles of some tables as a picture, a panel for each."""
+    from desim_uav.report.figures.profile import profile_figure
+    from desim_uav.report.figures.style import to_bytes
+
+    panels = [panel for table in tables for panel in profile.panels([table])]
+    return to_bytes(profile_figure(panels), ".png")
+
+
+def told_apart(table: Table) -> int:
+    """Return how many policies without knowledge of the future differ pairwise.
+
+    Two differ if the interval of their paired difference
+    does not contain 0. They are taken from the best one on, each if it differs from all that were
+    taken before.
+    """
+    taken: list[Table] = []
+    for row in _competitors(table):
+        if all(_differ(_pair(other, row)) for other in taken):
+            taken.append(row)
+    return len(taken)
+
+
+def _pair(one: Table, other: Table) -> Pairing | None:
+    """Return how the scores of two policies compare on the seeds that both have flown."""
+    common = [seed for seed in one["listed"] if seed in other["listed"]]
+    if not common:
+        return None
+    chosen = [
+        np.array(each["scores"])[:, [each["listed"].index(seed) for seed in common]]
+        for each in (one, other)
+    ]
+    return paired(*chosen)
+
+
+def _differ(pairing: Pairing | None) -> bool:
+    if pairing is None or pairing.difference.low is None or pairing.difference.high is None:
+        return False
+    return pairing.difference.low > 0 or pairing.difference.high < 0
+
+
+def _overview(
+    tables: Sequence[Table],
+    of_all: Sequence[Table],
+    names: Sequence[str],
+    families: Sequence[str],
+    costs: Callable[[], str],
+) -> str:
+    heads = ("Task", "Size", "Track", "Seeds", *map(escaped.markdown, names), "Best", "Apart")
+    lines = [_of_task(table, names) for table in tables]
+    parts = [
+        NOTE + "# Leaderboard\n",
+        "The [scores](../benchmark.md#scores) of policies in the tasks of the benchmark: the "
+        "baseline has 0, and no policy exceeds 1. Each is an interquartile mean over the runs; the "
+        "pages of the tasks have the intervals. The best policy without knowledge of the future is "
+        "bold. *Apart* counts policies of which any two differ: the 95 % interval of their "
+        "difference, paired by seed, does not contain 0. A click on a heading of a table sorts "
+        "it.\n",
+        _markdown(heads, lines),
+        _summary(tables),
+        *map(_of_several, of_all),
+        "## How it was made\n",
+        '```sh by-hand="takes hours"\npython analysis/leaderboard.py -j 2\n```\n',
+        costs(),
+        "```{toctree}\n:hidden:\n\n" + "".join(f"{family}\n" for family in families) + "```\n",
+    ]
+    return "\n".join(parts)
+
+
+def _summary(tables: Sequence[Table]) -> str:
+    """Return a sentence on what is left to gain in the tasks, and how well they tell apart."""
+    within = sum(_competitors(table)[0]["score"].value <= NEARLY_SOLVED for table in tables)
+    apart = sum(told_apart(table) >= MANY for table in tables)
+    return (
+        f"In {within} of {len(tables)} lines the best policy without knowledge of the future has a "
+        f"score of at most {NEARLY_SOLVED}, and in {apart} at least {MANY} policies differ from "
+        "each other.\n"
+    )
+
+
+def _competitors(table: Table) -> list[Table]:
+    """Return the rows of policies with scores and without knowledge of the future."""
+    return [row for row in table["rows"] if row["scores"] and not row["knows_future"]]
+
+
+def _of_task(table: Table, names: Sequence[str]) -> list[str]:
+    task, by_name = _task(table), {row["policy"]: row for row in table["rows"]}
+    best = _competitors(table)[0]["policy"]
+    cells = []
+    for name in names:
+        scored = name in by_name and by_name[name]["score"] is not None
+        value = f"{by_name[name]['score'].value:.3f}" if scored else "-"
+        cells.append(f"**{value}**" if name == best else value)
+    seeds = str(max(row["seeds"] for row in table["rows"]))
+    where = f"{task.family}.md#{task.size}-track-{table['track']}"
+    apart = str(told_apart(table))
+    said = [f"[{task.family}]({where})", task.size, table["track"], seeds]
+    return [*said, *cells, escaped.markdown(best), apart]
+
+
+def _of_several(table: Table) -> str:
+    """Return the section of the policies that have flown in all tasks of a track."""
+    every = [row for row in table["rows"] if row["tasks"] == len(table["tasks"])]
+    lines = [
+        [
+            escaped.markdown(row["policy"]),
+            _cell(row["score"], 3),
+            *(f"{100 * share:.0f} %" for share in row["profile"].values()),
+        ]
+        for row in every
+    ]
+    shares = [f"Score ≥ {least}" for least in every[0]["profile"]] if every else []
+    count = len(table["tasks"])
+    return (
+        f"## All {count} tasks of track `{table['track']}`\n\n"
+        "These policies have flown in all of them. Each task has the same weight.\n\n"
+        + _markdown(("Policy", "Score", *shares), lines)
+    )
+
+
+def costs(there: int, planned: int, times: Times) -> str:
+    """Return how many submissions are there, and the processor time by kind of parts."""
+    sums = times.sums()
+    lines = [[kind, str(count), f"{spent_s / 60:.1f}"] for kind, (count, spent_s) in sums.items()]
+    total_s = sum(spent_s for _, spent_s in sums.values())
+    return (
+        f"{there} of the {planned} submissions of the plan are there. They took "
+        f"{total_s / 3600:.2f} hours on one core ({'; '.join(times.processors())}), with the "
+        "compilation of the code. This is the processor time in minutes:\n\n"
+        + _markdown(("Parts", "Number", "Minutes"), lines)
+    )
+
+
+def _page(family: str, tables: Sequence[Table], submissions: Sequence[Submission]) -> str:
+    title = f"# Leaderboard: {family}\n\n"
+    links = "The columns are explained in [](../benchmark.md), and [](overview.md) has all tasks.\n"
+    sections = [_section(table, submissions) for table in tables]
+    figure = f"## Profiles\n\n![The share of runs that reach each score, by policy]({family}.png)\n"
+    return "\n".join([NOTE + title + links, *sections, figure])
+
+
+def _section(table: Table, submissions: Sequence[Submission]) -> str:
+    task, rows = _task(table), table["rows"]
+    labels = [KNOWN[name].label for name in table["measures"]]
+    unproven = "" if table["bounded"] else " No bound is proven for the model of this task."
+    parts = [
+        f"## {task.size.capitalize()}, track {table['track']}\n",
+        f"{task.about.rstrip('.')}.{unproven}\n",
+        _markdown(
+            (*SCORES, *labels, "Crashes per drone and episode"),
+            (_scores(row, table["measures"]) for row in rows),
+        ),
+        "What else was measured:\n",
+        _markdown(OTHERS, map(_others, rows)),
+    ]
+    neighbours = list(_neighbours(rows))
+    if neighbours:
+        heads = ("Policy", "The next one", "Difference of scores", "Better than it")
+        parts += ["Each policy and the next one, paired by seed:\n", _markdown(heads, neighbours)]
+    trainings = list(_trainings(table, submissions))
+    if trainings:
+        heads = ("Policy", "Training", "Score", "Digest of its decisions")
+        parts += ["Each training:\n", _markdown(heads, trainings)]
+    return "\n".join(parts)
+
+
+def _scores(row: Table, measures: Sequence[str]) -> list[str]:
+    return [
+        _name(row),
+        _cell(row["score"], 3),
+        _cell(row["to_best"], 3),
+        *(_cell(row[name], 2) for name in ("better_than_best", "better_than_reference")),
+        *(_cell(row[name], 2) for name in measures),
+        _number(row["crashes_per_drone_episode"], 3),
+    ]
+
+
+def _others(row: Table) -> list[str]:
+    return [
+        _name(row),
+        _number(row["fairness"], 3),
+        _number(row["worst_tenth_qoe1_percent"], 1),
+        _number(row["j_per_mbit"], 1),
+        _number(row["decision_ms"], 2),
+        escaped.markdown(row["information"]),
+        row["checked"],
+        _number(row["trainings"], 0),
+        str(row["seeds"]),
+    ]
+
+
+def _neighbours(rows: Sequence[Table]) -> Iterable[list[str]]:
+    scored = [row for row in rows if row["scores"]]
+    for one, other in pairwise(scored):
+        pairing = _pair(one, other)
+        if pairing is not None:
+            cells = (_cell(pairing.difference, 3), _cell(pairing.improvement, 2))
+            yield [_name(one), _name(other), *cells]
+
+
+def _trainings(table: Table, submissions: Sequence[Submission]) -> Iterable[list[str]]:
+    """Yield the lines of trainings; those that decide alike are one."""
+    by_name = {
+        one.about.name: one
+        for one in submissions
+        if (one.task.name, one.track.name) == (table["task"], table["track"])
+    }
+    for row in table["rows"]:
+        about = by_name[row["policy"]].about
+        digests = list(dict.fromkeys(one.decisions_sha256 for one in about.trainings))
+        if len(digests) < 2 or not row["scores"]:
+            continue
+        for digest, scores in zip(digests, row["scores"], strict=True):
+            number = [one.decisions_sha256 for one in about.trainings].index(digest)
+            score = interquartile_mean([scores])
+            yield [_name(row), str(number), _cell(score, 3), f"`{digest[:12]}`"]
+
+
+def _name(row: Table) -> str:
+    mark = " (knows the future)" if row["knows_future"] else ""
+    return f"{escaped.markdown(row['policy'])}{mark}"
+
+
+def _cell(interval: Interval | None, digits: int) -> str:
+    if interval is None:
+        return "-"
+    value = f"{interval.value:.{digits}f}"
+    if interval.low is None or interval.high is None:
+        return value
+    return f"{value} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    return "\n".join(map(line, (heads, ["---"] * len(heads), *lines))) + "\n"
