@@ -234,8 +234,8 @@ MUTATIONS = (
     Mutation(
         "admission stops at the first request that does not fit",
         "rules/admission.py",
-        "            if fits(world, state, drone, user.request):\n",
-        "            if count == 0 and fits(world, state, drone, user.request):\n",
+        "            if fits(world, state, drone, user):\n",
+        "            if count == 0 and fits(world, state, drone, user):\n",
         ("engine/test_admission.py",),
     ),
     Mutation(

@@ -111,9 +111,10 @@ def _set_senders(state: rows.State, world: World, buffers: Buffers) -> None:
 def _set_users(state: rows.State, world: World, users: int, senders: int) -> None:
     """Set the users, and what is kept of them as sensors, of their links and of their tasks."""
     state.sensors = Table(_sensor(world, service) for service in world.senses)
-    again = world.services.several_stages or world.services.has_tasks or world.senses
-    draws = world.services.draws if again else 0
-    state.users = Table(_user(index, senders, draws) for index in range(users))
+    state.users = Table(_user(index, senders) for index in range(users))
+    state.credited = _zeros(users * state.keeps_credit)
+    if world.services.several_stages or world.services.has_tasks or world.senses:
+        state.drawn = _zeros(users * world.services.draws)
     if state.keeps_links:
         state.links = Table(_links(senders) for _ in range(users))
     if state.keeps_tasks:
@@ -169,13 +170,12 @@ def _pair(one: int, other: int, pieces: int) -> rows.Pair:
     return pair
 
 
-def _user(index: int, senders: int, draws: int) -> rows.User:
+def _user(index: int, senders: int) -> rows.User:
     """Return a user without a request, whom none of the senders covers."""
     user = blank(rows.User)
-    user.index = user.request.user = index
+    user.index = index
     user.holder = user.request.number = user.request.server = -1
     user.covering, user.classes = Table([-1] * senders), _zeros(senders)
-    user.request.drawn = _zeros(draws)
     return user
 
 

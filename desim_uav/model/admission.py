@@ -6,12 +6,12 @@ The paper's rule is in ``rules.admission``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from desim_uav.errors import SimulationError
 
 
-class Waiting(Protocol):
+class Waiting(NamedTuple):
     """A waiting request, with all that an admission rule may know about it.
 
     ``done`` of ``required`` are microseconds of service or millionths of a bit in stage number
@@ -30,13 +30,12 @@ class Waiting(Protocol):
     needs_hz: int
 
 
-W = TypeVar("W", bound=Waiting)
-
-
 class Admission(Protocol):
     """An admission rule over Python objects (see ``RowAdmission`` for one over rows)."""
 
-    def scan(self, waiting: Sequence[W], free_hz: float) -> tuple[Sequence[W], Sequence[W]]:
+    def scan(
+        self, waiting: Sequence[Waiting], free_hz: float
+    ) -> tuple[Sequence[Waiting], Sequence[Waiting]]:
         """Return the requests that a drone serves from now on, and those that it refuses for good.
 
         ``waiting`` is in the order of (request time, user). ``free_hz`` is the free bandwidth in
@@ -65,6 +64,8 @@ class RowAdmission:
         """
         raise NotImplementedError
 
-    def scan(self, waiting: Sequence[W], free_hz: float) -> tuple[Sequence[W], Sequence[W]]:
+    def scan(
+        self, waiting: Sequence[Waiting], free_hz: float
+    ) -> tuple[Sequence[Waiting], Sequence[Waiting]]:
         """Raise SimulationError: this rule works on rows, not on Python objects."""
         raise SimulationError(f"admission {type(self).__name__!r} works on rows (scan_rows)")

@@ -41,7 +41,7 @@ class Footprints:
     def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
         """Return the users in the footprint of a drone that hovers over a point."""
         over = TransitLeg(REST, centre_m, centre_m, 0.0, 0.0)
-        users: NDArray[np.int64] = self._crossings(over, 0)["user"]
+        users: NDArray[np.int64] = self._crossings(over, 0)["user"].astype(np.int64)
         return users
 
     def sets_along(self, leg: TransitLeg, span_us: int) -> set[int]:

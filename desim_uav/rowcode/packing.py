@@ -28,9 +28,7 @@ from desim_uav.rowcode.rows import (
 
 def packed(one: Row) -> Words:
     """Return a block of memory that begins with a row, followed by the entries of its tables."""
-    block = np.zeros(one.words + _size_behind(one, False), np.int64)
-    _Packer(block, False).pack(one)
-    return block
+    return _pack(one, False).block
 
 
 def packed_apart(one: Row) -> tuple[Words, int]:
@@ -39,10 +37,15 @@ def packed_apart(one: Row) -> tuple[Words, int]:
     The positions of their tables are those that they would have if the memory for all of scratch
     began where the block does. They have to be moved to where it is: ``headers_of`` lists them.
     """
-    block = np.zeros(one.words + _size_behind(one, True), np.int64)
-    packer = _Packer(block, True)
+    packer = _pack(one, True)
+    return packer.block, packer.apart_end
+
+
+def _pack(one: Row, apart: bool) -> _Packer:
+    """Return a packer that has written a row and all its tables into its block."""
+    packer = _Packer(np.zeros(one.words + _size_behind(one, apart), np.int64), apart)
     packer.pack(one)
-    return block, packer.apart_end
+    return packer
 
 
 @cache
@@ -88,12 +91,22 @@ def words_for(of: Any, count: int) -> int:
 
 
 def _length(kind: Any, value: Any) -> int:
-    """Return the number of entries with memory: a queue has a spare one, written if it overruns."""
+    """Return the number of entries with memory.
+
+    A queue of rows has a spare one, which is written if it overruns. All those without a buffer
+    share one behind everything.
+    """
     if origin_of(kind) is Queue:
-        return int(max(value.buffer, len(value))) + 1
+        most = _room(value)
+        return most + int(most > 0 and is_row(held_by(kind)))
     if isinstance(value, np.ndarray) and is_row(held_by(kind)):
         return int(value.nbytes // size_of(held_by(kind)))
     return len(value)
+
+
+def _room(queue: Queue[Any]) -> int:
+    """Return the number of entries that a queue may have."""
+    return int(max(queue.buffer, len(queue)))
 
 
 class _Packer:
@@ -106,11 +119,16 @@ class _Packer:
         self.block, self.apart = block, apart
         self.of_kinds = {kind: block.view(name) for kind, name in FORMATS.items()}
         self.end = self.apart_end = 0
+        self.without_room: list[tuple[type[Row], str, int]] = []
 
     def pack(self, one: Row) -> None:
         """Write a row at the start of the block, and all its tables."""
         self.end = one.words
         self._write(one, 0)
+        widths = [held_by(cls.kinds[name]).words for cls, name, _ in self.without_room]
+        self.block = np.concatenate((self.block, np.zeros(max(widths, default=0), np.int64)))
+        for cls, name, at in self.without_room:
+            locate(self.block, cls, name, at, self.end, 0)
 
     def _write(self, one: Row, at: int) -> None:
         """Write a row at a word of the block, and its tables behind everything."""
@@ -134,7 +152,9 @@ class _Packer:
         locate(self.block, cls, name, at, self.end, count)
         if origin_of(kind) is Queue:
             halves = self.of_kinds[Int32][(8 * at + one.byte_of[name]) // 4 :]
-            halves[1], halves[2] = len(value), count - 1
+            halves[1], halves[2] = len(value), _room(value)
+            if is_row(held_by(kind)) and count == 0:
+                self.without_room.append((cls, name, at))
         self._write_all(kind, value, count)
 
     def _write_all(self, kind: Any, values: Any, count: int) -> None:

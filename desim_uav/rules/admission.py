@@ -29,7 +29,7 @@ class FirstCome(RowAdmission):
         waiting, count = drone.waiting, 0
         for k in range(len(waiting)):
             user = state.users[waiting[k]]
-            if fits(world, state, drone, user.request):
+            if fits(world, state, drone, user):
                 serve(world, state, drone, user, phase)
             else:
                 waiting[count] = waiting[k]
@@ -47,7 +47,7 @@ def admit(world: Constants, state: State, drone: Drone, number: int, phase: int)
     """
     user = state.users[number]
     drone.waiting.remove(number)
-    if not fits(world, state, drone, user.request):
+    if not fits(world, state, drone, user):
         state.faults |= OVERBOOKED
     serve(world, state, drone, user, phase)
 

@@ -188,7 +188,10 @@ def _pass(world: Constants, state: State, drone: Drone, user: User, phase: int) 
 
 @rule
 def _enter(state: State, drone: Drone, user: User, phase: int) -> None:
-    """Let a user enter a footprint; a user who is not attached to a drone becomes loose."""
+    """Let a user enter a footprint; one who is not attached to a drone becomes loose.
+
+    It is loose already if another footprint covers it.
+    """
     if state.keeps_credit:
         credit_entry(state, drone, user)
     if user.covering[drone.index] < 0:
@@ -200,7 +203,7 @@ def _enter(state: State, drone: Drone, user: User, phase: int) -> None:
     if state.keeps_links:
         end_outage(state, user, phase)
         unsettle(state, user)
-    if user.holder < 0:
+    if user.holder < 0 and user.covered == 1:
         state.loose.append(user.index)
 
 

@@ -75,13 +75,13 @@ def _end_alone(state: State, drone: Drone) -> None:
 @apart
 def credit_service(state: State, user: User) -> None:
     """Count what a drone has done for a user's request since this was counted last."""
-    request = user.request
+    request, index = user.request, user.index
     if request.number >= 0 and request.server >= 0 and request.line != MOVING:
         amount = request.done + (state.now_us - request.counted_us) * request.rate
         amount = min(amount, request.required)
-        share = float(amount - request.credited) / float(request.required)
+        share = float(amount - state.credited[index]) / float(request.required)
         share /= float(request.stages + own_parts(state, user))
-        request.credited = amount
+        state.credited[index] = amount
         credit = state.senders[request.server].credit
         credit.served += share
         if user.covered == int(user.covering[request.server] >= 0):

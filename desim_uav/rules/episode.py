@@ -155,6 +155,10 @@ def _forget(state: State) -> None:
     state.flown.clear()
     for service in range(len(state.open_requests)):
         state.open_requests[service] = 0
+    for k in range(len(state.credited)):
+        state.credited[k] = 0
+    for k in range(len(state.drawn)):
+        state.drawn[k] = 0
     for k in range(len(state.rewards)):
         state.rewards[k] = 0.0
     for k in range(len(state.history)):

@@ -20,9 +20,9 @@ from desim_uav.rowcode.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.backhaul import part_bps, reaches
 from desim_uav.rules.note import note, note_stage
-from desim_uav.rules.rows import Constants, Drone, Request, State, User
+from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.service import give_rate, stop
-from desim_uav.rules.stages import count_moving, leave, next_stage, part_of, scan_later
+from desim_uav.rules.stages import count_moving, first_drawn, leave, next_stage, part_of, scan_later
 from desim_uav.rules.tasks import arrive, stands_at
 
 
@@ -38,7 +38,7 @@ def follow(world: Constants, state: State, drone: Drone, user: User, phase: int)
     if stands_at(state, user) == drone.index or not reaches(world, state, drone, task.site):
         return
     _leave(state, user, phase)
-    volume = _received(world, request, task.part)
+    volume = _received(world, state, user, task.part)
     if drone.index == task.site or volume == 0:
         _arrive(world, state, drone, user, phase)
         return
@@ -86,17 +86,17 @@ def _leave(state: State, user: User, phase: int) -> None:
 def _arrive(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
     """Let a task arrive at a processor, and begin the stage there."""
     if user.request.line == MOVING:
-        next_stage(world, user.request, state.tasks[user.index].part)
+        next_stage(world, state, user, state.tasks[user.index].part)
     note_stage(state, phase, drone.index, user)
     arrive(world, state, drone, user)
 
 
 @rule
-def _received(world: Constants, request: Request, part: float) -> int:
-    """Return the volume that was sent to a task's site, in millionths of a bit."""
-    volume = 0
+def _received(world: Constants, state: State, user: User, part: float) -> int:
+    """Return the volume that was sent to the site of a user's task, in millionths of a bit."""
+    volume, request, first = 0, user.request, first_drawn(world, user)
     for k in range(request.stage):
         stage = world.stages[world.first_stages[request.service] + k]
         if stage.line <= SHARING and not stage.timed:
-            volume += part_of(drawn_amount(stage, request.drawn, 0), part)
+            volume += part_of(drawn_amount(stage, state.drawn, first), part)
     return volume

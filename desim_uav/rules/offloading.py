@@ -13,7 +13,7 @@ from desim_uav.rules import words
 from desim_uav.rules.bands import count_sharing, show_band
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.service import rate_bps
-from desim_uav.rules.stages import count_stages
+from desim_uav.rules.stages import count_stages, first_drawn
 from desim_uav.rules.tasks import cycles_of
 
 
@@ -50,7 +50,7 @@ class Shortest(RowOffloading):
 
     def share(self, world: Constants, state: State, user: User) -> float:
         """Return 1 if the drone of the user would be done before the user, else 0."""
-        return 1.0 if offloaded_us(world, state, user) < alone_us(world, user) else 0.0
+        return 1.0 if offloaded_us(world, state, user) < alone_us(world, state, user) else 0.0
 
 
 @register("offloading", "split")
@@ -64,7 +64,7 @@ class Split(RowOffloading):
 
     def share(self, world: Constants, state: State, user: User) -> float:
         """Return the part that is offloaded; 0 if the user is attached to no drone."""
-        own_us = alone_us(world, user)
+        own_us = alone_us(world, state, user)
         return own_us / (own_us + offloaded_us(world, state, user))
 
 
@@ -106,9 +106,9 @@ def commanded(world: Constants, state: State, user: User) -> float:
 
 
 @rule
-def alone_us(world: Constants, user: User) -> float:
+def alone_us(world: Constants, state: State, user: User) -> float:
     """Return the time that a whole task takes its user, in microseconds."""
-    return float(cycles_of(world, user.request, 1.0)) / float(world.clocks[user.index])
+    return float(cycles_of(world, state, user, 1.0)) / float(world.clocks[user.index])
 
 
 @rule
@@ -123,14 +123,14 @@ def offloaded_us(world: Constants, state: State, user: User) -> float:
     if user.holder < 0:
         return float("inf")
     drone, request, total = state.senders[user.holder], user.request, 0.0
-    processor = world.processors[drone.radio]
+    processor, first = world.processors[drone.radio], first_drawn(world, user)
     for k in range(count_stages(world, request)):
         stage = world.stages[world.first_stages[request.service] + k]
-        amount = float(drawn_amount(stage, request.drawn, 0))
+        amount = float(drawn_amount(stage, state.drawn, first))
         if stage.line == COMPUTING:
             total += amount / float(processor.clock) + backlog_us(world, state, drone)
         elif amount > 0.0:
-            rate = 1 if stage.timed else link_bps(world, drone, user, stage.rate, stage.up)
+            rate = 1 if stage.timed else link_bps(world, state, user, stage.rate, stage.up)
             if rate == 0:
                 return float("inf")
             total += amount / float(rate)
@@ -138,13 +138,14 @@ def offloaded_us(world: Constants, state: State, user: User) -> float:
 
 
 @rule
-def link_bps(world: Constants, drone: Drone, user: User, held: int, up: int) -> int:
-    """Return the rate that a user would get now in bit/s; ``held``: the list of a rate to hold.
+def link_bps(world: Constants, state: State, user: User, held: int, up: int) -> int:
+    """Return the rate that an attached user would get now in bit/s.
 
-    ``up`` says whether it is one of uploads.
+    ``held`` is the list of a rate to hold, and ``up`` says whether it is one of uploads.
     """
     if held >= 0:
-        return user.request.drawn[held]
+        return state.drawn[first_drawn(world, user) + held]
+    drone = state.senders[user.holder]
     show_band(drone, up)
     rate = rate_bps(world, drone, user, drone.free_hz // (len(drone.sharing) + 1))
     return min(rate, drone.free_bps // (count_sharing(drone) + 1))

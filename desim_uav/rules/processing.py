@@ -107,7 +107,7 @@ def lose_tasks(world: Constants, state: State, drone: Drone, phase: int) -> None
             line = stands_at(state, user)
             if line >= 0:
                 leave(state, state.senders[line], user)
-            begin_anew(world, user.request, task.part)
+            begin_anew(world, state, user, task.part)
             task.site = -1
             task.restarts += 1
             user.share = progress_of(state, user, 0)

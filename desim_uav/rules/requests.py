@@ -78,7 +78,7 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
     leave(state, drone, user)
     if state.keeps_tasks:
         power(world, state, drone)
-    if next_stage(world, user.request, part_offloaded(state, user)):
+    if next_stage(world, state, user, part_offloaded(state, user)):
         _begin_stage(state, words.COMPLETION, drone.index, user)
         if user.request.line == COMPUTING:
             arrive(world, state, drone, user)

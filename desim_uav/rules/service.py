@@ -79,10 +79,11 @@ def efficiency_of(world: Constants, drone: Drone, user: User) -> int:
 
 
 @rule
-def fits(world: Constants, state: State, drone: Drone, request: Request) -> bool:
-    """Return whether a drone has what a request that waits needs: bandwidth, and backhaul."""
+def fits(world: Constants, state: State, drone: Drone, user: User) -> bool:
+    """Return whether a drone has what a user's waiting request needs: bandwidth, and backhaul."""
+    request = user.request
     in_band = request.needs_hz <= drone.free_hz or world.radios[drone.radio].bandwidth_hz < 0
-    site = relay_of(state, drone, state.users[request.user])
+    site = relay_of(state, drone, user)
     if site >= 0 and request.bandwidth_bps > state.senders[site].free_bps:
         return False
     return in_band and request.bandwidth_bps <= drone.free_bps
@@ -153,7 +154,7 @@ def give_rate(
     elif rate == 0:
         stop(state, user, phase)
     elif rate != request.rate or bandwidth_hz != request.used_hz:
-        count_service(state, request)
+        count_service(state, user)
         drone.used_hz += bandwidth_hz - request.used_hz
         request.used_hz, request.rate = bandwidth_hz, rate
         _await_completion(world, state, user)
@@ -189,15 +190,16 @@ def _await_completion(world: Constants, state: State, user: User) -> None:
 
 
 @rule
-def count_service(state: State, request: Request) -> None:
-    """Count what has been done for a request since this was counted last."""
+def count_service(state: State, user: User) -> None:
+    """Count what has been done for a user's request since this was counted last."""
+    request = user.request
     elapsed_us = state.now_us - request.counted_us
     request.counted_us = state.now_us
     request.served_us += elapsed_us
     request.done = min(request.done + elapsed_us * request.rate, request.required)
     add_product(state.bandwidth_us_hz, elapsed_us, request.used_hz)
     if state.keeps_tasks:
-        count_task(state, request, elapsed_us)
+        count_task(state, user, elapsed_us)
 
 
 @rule
@@ -207,7 +209,7 @@ def stop(state: State, user: User, phase: int) -> None:
     drone = state.senders[request.server]
     if state.keeps_credit:
         credit_service(state, user)
-    count_service(state, request)
+    count_service(state, user)
     request.server = -1
     undo(state, completion_slot(state, user.index))
     if now_us > request.started_us:
@@ -243,7 +245,7 @@ def regrade(world: Constants, state: State, drone: Drone, user: User) -> None:
     show_band(drone, request.up)
     request.needs_hz = needed_hz(world, drone, user, request.bandwidth_bps)
     if request.server >= 0 and not request.queued:
-        count_service(state, request)
+        count_service(state, user)
         more_hz = request.needs_hz - request.used_hz
         drone.free_hz -= more_hz
         drone.used_hz += more_hz
@@ -313,16 +315,14 @@ def forget_request(request: Request) -> None:
     request.stage = request.stages = request.line = request.queued = request.bandwidth_bps = 0
     request.up = request.needs_hz = request.used_hz = request.served_us = request.attached_us = 0
     request.interruptions = request.t_first_us = request.started_us = request.counted_us = 0
-    request.stopped_us = request.last_server = request.credited = 0
-    for k in range(len(request.drawn)):
-        request.drawn[k] = 0
+    request.stopped_us = request.last_server = 0
 
 
 @rule
 def open_request(world: Constants, path: Path, state: State, user: User, number: int) -> None:
     """Open a user's request as row ``number`` of the sample path's requests describes it."""
     user.request.service = path.services[number]
-    draw_values(world, path, user.request, number)
+    draw_values(world, path, state, user, number)
     begin_request(world, state, user, state.now_us)
 
 
@@ -373,7 +373,7 @@ def close(
     if state.keeps_tasks:
         close_task(state, user, phase, kind)
     if state.keeps_requests:
-        _log_request(world, state, request, kind)
+        _log_request(world, state, user, kind)
     note(state, phase, kind, user.holder, user.index, request.number, update)
     if state.keeps_links:
         end_outage(state, user, phase)
@@ -417,11 +417,11 @@ def count_attached(state: State, user: User) -> None:
 
 
 @apart
-def _log_request(world: Constants, state: State, request: Request, kind: int) -> None:
-    """Log a request that is closed now by a kind of event."""
-    closed = state.closed.added()
+def _log_request(world: Constants, state: State, user: User, kind: int) -> None:
+    """Log a user's request, which is closed now by a kind of event."""
+    closed, request = state.closed.added(), user.request
     closed.request_id = request.number
-    closed.user = request.user
+    closed.user = user.index
     closed.service = request.service
     closed.stage = request.stage
     closed.bandwidth_bps = request.bandwidth_bps
@@ -433,8 +433,8 @@ def _log_request(world: Constants, state: State, request: Request, kind: int) ->
     closed.t_first_us = request.t_first_us
     closed.t_end_us = state.now_us
     closed.interruptions = request.interruptions
-    log_task(world, state, request, closed)
-    count_amounts(world, request, closed)
+    log_task(world, state, user, closed)
+    count_amounts(world, state, user, closed)
     closed.kind = kind
 
 

@@ -19,16 +19,23 @@ from desim_uav.rules.rows import Closed, Constants, Drone, Path, Request, State,
 
 
 @rule
-def draw_values(world: Constants, path: Path, request: Request, number: int) -> bool:
+def draw_values(world: Constants, path: Path, state: State, user: User, number: int) -> bool:
     """Begin the first stage of a request, which has the number ``number`` in the sample path.
 
     The values for its later stages are kept, for the path of a planner has others.
     """
     first = number * world.draws
-    for k in range(len(request.drawn)):
-        request.drawn[k] = path.drawn[first + k]
-    request.stages = count_stages(world, request)
-    return _begin_stage(world, request, path.drawn, first, 0, 1.0)
+    if len(state.drawn) > 0:
+        for k in range(world.draws):
+            state.drawn[first_drawn(world, user) + k] = path.drawn[first + k]
+    user.request.stages = count_stages(world, user.request)
+    return _begin_stage(world, state, user, path.drawn, first, 0, 1.0)
+
+
+@rule
+def first_drawn(world: Constants, user: User) -> int:
+    """Return the number of the first value of a user's request in ``State.drawn``."""
+    return user.index * world.draws
 
 
 @rule
@@ -38,28 +45,30 @@ def count_stages(world: Constants, request: Request) -> int:
 
 
 @rule
-def begin_anew(world: Constants, request: Request, part: float) -> bool:
-    """Let a part of a request, of which all is lost, begin its first stage again."""
-    request.stages = count_stages(world, request)
-    return _begin_stage(world, request, request.drawn, 0, 0, part)
+def begin_anew(world: Constants, state: State, user: User, part: float) -> bool:
+    """Let a part of a user's request, of which all is lost, begin its first stage again."""
+    user.request.stages = count_stages(world, user.request)
+    return _begin_stage(world, state, user, state.drawn, first_drawn(world, user), 0, part)
 
 
 @rule
-def next_stage(world: Constants, request: Request, part: float) -> bool:
-    """Pass a part of a request on to its next stage; return False if there is none.
+def next_stage(world: Constants, state: State, user: User, part: float) -> bool:
+    """Pass a part of a user's request on to its next stage; return False if there is none.
 
     A task that has been moved begins the stage of which nothing was done before.
     """
-    following = request.stage + int(request.line != MOVING)
-    if following < request.stages:
-        return _begin_following(world, request, following, part)
+    following = user.request.stage + int(user.request.line != MOVING)
+    if following < user.request.stages:
+        return _begin_following(world, state, user, following, part)
     return False
 
 
 @rare_rule
-def _begin_following(world: Constants, request: Request, following: int, part: float) -> bool:
+def _begin_following(
+    world: Constants, state: State, user: User, following: int, part: float
+) -> bool:
     """Begin stage number ``following`` of a part of a request (see ``_begin_stage``)."""
-    return _begin_stage(world, request, request.drawn, 0, following, part)
+    return _begin_stage(world, state, user, state.drawn, first_drawn(world, user), following, part)
 
 
 @rule
@@ -71,7 +80,8 @@ def part_of(amount: int, part: float) -> int:
 @rule
 def _begin_stage(
     world: Constants,
-    request: Request,
+    state: State,
+    user: User,
     values: Table[int],
     first: int,
     following: int,
@@ -82,12 +92,15 @@ def _begin_stage(
     The amounts are a ``part`` of those that were drawn. If there is no such stage, the one that has
     been done is the request's last one.
     """
+    request = user.request
     for k in range(following, request.stages):
         stage = world.stages[world.first_stages[request.service] + k]
         amount = part_of(drawn_amount(stage, values, first), part)
         if amount > 0:
             request.stage, request.line, request.up = k, stage.line, stage.up
-            request.required, request.done, request.credited = amount, 0, 0
+            request.required, request.done = amount, 0
+            if state.keeps_credit:
+                state.credited[user.index] = 0
             request.bandwidth_bps = values[first + stage.rate] if stage.rate >= 0 else 0
             request.rate = 1 if stage.timed else request.bandwidth_bps
             return True
@@ -107,18 +120,19 @@ def progress(request: Request, amount: int) -> float:
 
 
 @rule
-def count_amounts(world: Constants, request: Request, closed: Closed) -> None:
-    """Write what a request needed in all of its stages, and what volume it has got, into the log.
+def count_amounts(world: Constants, state: State, user: User, closed: Closed) -> None:
+    """Write what a user's request needed in all stages, and what volume it got, into the log.
 
     They are sums over the stages that are measured in time, and over the ``part`` that is offloaded
     of those in bits.
     """
+    request, first = user.request, first_drawn(world, user)
     closed.asked_us = closed.asked_ubit = closed.sent_ubit = 0
     for k in range(request.stages):
         stage = world.stages[world.first_stages[request.service] + k]
         amount = request.required
         if k != request.stage:
-            amount = part_of(drawn_amount(stage, request.drawn, 0), closed.part)
+            amount = part_of(drawn_amount(stage, state.drawn, first), closed.part)
         if stage.timed:
             closed.asked_us += amount
         elif stage.line <= SHARING:
@@ -213,7 +227,7 @@ def _insert(state: State, queue: Queue[int], user: User) -> None:
         before = state.users[queue[place - 1]].request
         if before.t_request_us < asked_us:
             break
-        if before.t_request_us == asked_us and before.user < user.index:
+        if before.t_request_us == asked_us and queue[place - 1] < user.index:
             break
         place -= 1
     queue.insert(place, user.index)

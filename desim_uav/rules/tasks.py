@@ -17,8 +17,15 @@ from desim_uav.rules import words
 from desim_uav.rules.backhaul import reaches
 from desim_uav.rules.due import deadline_slot, due, key, own_slot, undo
 from desim_uav.rules.note import note
-from desim_uav.rules.rows import Closed, Constants, Drone, Request, State, User
-from desim_uav.rules.stages import begin_anew, count_stages, part_of, progress, scan_later
+from desim_uav.rules.rows import Closed, Constants, Drone, State, User
+from desim_uav.rules.stages import (
+    begin_anew,
+    count_stages,
+    first_drawn,
+    part_of,
+    progress,
+    scan_later,
+)
 
 AFTER_ALL = (1 << 24) - 2
 """Stands for a drone after all others, where the order of an instant's events is by drone."""
@@ -97,7 +104,7 @@ def offload_again(world: Constants, state: State, user: User, phase: int) -> Non
 def offload(world: Constants, state: State, user: User, phase: int) -> None:
     """Decide which part of a task is offloaded; the user begins to compute the rest at once."""
     request, task = user.request, state.tasks[user.index]
-    cycles = cycles_of(world, request, 1.0)
+    cycles = cycles_of(world, state, user, 1.0)
     if cycles == 0 or world.clocks[user.index] == 0:
         return
     part = call_for_float(world.share, (world, state, user))
@@ -105,22 +112,22 @@ def offload(world: Constants, state: State, user: User, phase: int) -> None:
         state.faults |= words.NO_SHARE
         part = 1.0
     if part < 1.0:
-        if part == 0.0 or not begin_anew(world, request, part):
+        if part == 0.0 or not begin_anew(world, state, user, part):
             part, request.line = 0.0, NOWHERE
             request.stage = request.stages = request.done = 0
             request.required = 1
-        task.part, task.own = part, cycles - cycles_of(world, request, part)
+        task.part, task.own = part, cycles - cycles_of(world, state, user, part)
         _begin_own(world, state, user, phase)
 
 
 @rule
-def cycles_of(world: Constants, request: Request, part: float) -> int:
-    """Return how many thousandths of a cycle a part of a task takes."""
-    cycles = 0
+def cycles_of(world: Constants, state: State, user: User, part: float) -> int:
+    """Return how many thousandths of a cycle a part of a user's task takes."""
+    cycles, request, first = 0, user.request, first_drawn(world, user)
     for k in range(count_stages(world, request)):
         stage = world.stages[world.first_stages[request.service] + k]
         if stage.line == COMPUTING:
-            cycles += part_of(drawn_amount(stage, request.drawn, 0), part)
+            cycles += part_of(drawn_amount(stage, state.drawn, first), part)
     return cycles
 
 
@@ -175,7 +182,9 @@ def stands_elsewhere(world: Constants, state: State, drone: Drone, user: User) -
     if task.site >= 0 and not reaches(world, state, drone, task.site):
         return True
     if world.terms[request.service].restarts and request.last_server != drone.index:
-        request.done = request.credited = 0
+        request.done = 0
+        if state.keeps_credit:
+            state.credited[user.index] = 0
         user.share = progress_of(state, user, 0)
     return False
 
@@ -257,12 +266,12 @@ def _own_share(state: State, user: User) -> float:
 
 
 @rare_rule
-def count_task(state: State, request: Request, elapsed_us: int) -> None:
-    """Count a time in which a task was sent or computed, which has just been counted as served.
+def count_task(state: State, user: User, elapsed_us: int) -> None:
+    """Count a time in which a user's task was sent or computed, just counted as served.
 
     What the user has computed meanwhile is counted when that ends, so that no time counts twice.
     """
-    task = state.tasks[request.user]
+    request, task = user.request, state.tasks[user.index]
     if request.line == COMPUTING:
         task.computing_us += elapsed_us
     else:
@@ -276,21 +285,22 @@ def count_task(state: State, request: Request, elapsed_us: int) -> None:
 
 
 @rule
-def log_task(world: Constants, state: State, request: Request, closed: Closed) -> None:
-    """Write what was kept of a task into the log of its request."""
+def log_task(world: Constants, state: State, user: User, closed: Closed) -> None:
+    """Write what was kept of a user's task into the log of its request."""
     closed.deadline_us, closed.part = words.NEVER, 1.0
     closed.sending_us = closed.uplink_us = closed.computing_us = closed.restarts = 0
     closed.own_us, closed.own_share, closed.asked_cycles = 0, 0.0, 0
     if state.keeps_tasks:
-        closed.asked_cycles = cycles_of(world, request, 1.0)
-        task = state.tasks[request.user]
+        closed.asked_cycles = cycles_of(world, state, user, 1.0)
+        request, task = user.request, state.tasks[user.index]
         if request.line == MOVING:
             stage = world.stages[world.first_stages[request.service] + request.stage]
             closed.done = 0
-            closed.required = part_of(drawn_amount(stage, request.drawn, 0), task.part)
+            amount = drawn_amount(stage, state.drawn, first_drawn(world, user))
+            closed.required = part_of(amount, task.part)
         closed.deadline_us, closed.restarts = task.deadline_us, task.restarts
         closed.sending_us, closed.uplink_us = task.sending_us, task.uplink_us
         closed.computing_us, closed.part = task.computing_us, task.part
         if task.own > 0:
             closed.own_us = min(state.now_us, task.own_until_us) - task.own_from_us
-            closed.own_share = _own_share(state, state.users[request.user])
+            closed.own_share = _own_share(state, user)

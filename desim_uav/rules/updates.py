@@ -15,7 +15,7 @@ from desim_uav.rules.delivery import store
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Sensor, State, Update, User
 from desim_uav.rules.service import begin_request, close, scan_if_used, stop, wait
-from desim_uav.rules.stages import begin_anew, leave
+from desim_uav.rules.stages import begin_anew, first_drawn, leave
 from desim_uav.rules.stores import copy_update, give_room_back, has_room, is_stored
 from desim_uav.rules.wide import clear
 
@@ -173,7 +173,7 @@ def _send_next(world: Constants, state: State, user: User) -> None:
         return
     update = sensor.buffer[sensor.first]
     request.service = world.senses[user.index]
-    _ask_for(world, user, update)
+    _ask_for(world, state, user, update)
     begin_request(world, state, user, update.generated_us)
     request.attached_us = max(0, sensor.attached_us - update.attached_us)
     update.request = request.number
@@ -183,13 +183,13 @@ def _send_next(world: Constants, state: State, user: User) -> None:
 
 
 @rule
-def _ask_for(world: Constants, user: User, update: Update) -> None:
+def _ask_for(world: Constants, state: State, user: User, update: Update) -> None:
     """Let a sensor's request be for an update, of which nothing has been sent."""
-    request = user.request
-    for k in range(2, len(request.drawn)):
-        request.drawn[k] = 0
-    request.drawn[0], request.drawn[1] = update.size, update.bps
-    begin_anew(world, request, 1.0)
+    first = first_drawn(world, user)
+    for k in range(2, world.draws):
+        state.drawn[first + k] = 0
+    state.drawn[first], state.drawn[first + 1] = update.size, update.bps
+    begin_anew(world, state, user, 1.0)
 
 
 @rule
@@ -219,7 +219,7 @@ def _put_last_first(world: Constants, state: State, user: User) -> None:
         if user.holder >= 0:
             leave(state, state.senders[user.holder], user)
             give_room_back(state, state.senders[user.holder], user)
-        _ask_for(world, user, head)
+        _ask_for(world, state, user, head)
         if user.holder >= 0:
             wait(world, state, state.senders[user.holder], user)
 

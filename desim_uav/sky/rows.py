@@ -14,7 +14,7 @@ from desim_uav.model.radio.curves import Curve
 from desim_uav.model.radio.links import Air
 from desim_uav.model.radio.tracks import TrackRow, Turn
 from desim_uav.model.radio.visits import Visit
-from desim_uav.rowcode.rows import Row, Table, row
+from desim_uav.rowcode.rows import Int16, Int32, Row, Table, row
 
 
 @row
@@ -119,15 +119,15 @@ class LegRow(Row):
     y1_m: float
     z1_m: float
     since_us: int
-    transit: int
-    level: int
-    to_level: int
-    radio: int
-    band: int
-    serving: int
+    transit: Int32
+    level: Int32
+    to_level: Int32
+    radio: Int16
+    band: Int16
+    serving: Int16
     marked_us: int
-    sought: int
-    changes: int
+    sought: Int16
+    changes: Int32
     pieces: Table[PieceRow]
 
 

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 from desim_uav.engine.base import EpisodeLog
 from desim_uav.rules.admission import FirstCome
-from desim_uav.rules.rows import Request, State
+from desim_uav.rules.rows import Request, State, User
 from desim_uav.rules.words import ON_ATTACH, ON_HANDOVER, ON_LEG, ON_OUTAGE, ON_OUTAGE_END, ON_SERVE
 
 if TYPE_CHECKING:
@@ -134,14 +134,14 @@ def _admission(simulation: Simulation, record: InstantRecord) -> None:
         return
     for number in {drone for drone, _ in record.served}:
         drone = state.senders[number]
-        new = [users[user].request for d, user in record.served if d == number]
-        new = [one for one in new if one.server == number and one.started_us == state.now_us]
+        new = [users[user] for d, user in record.served if d == number]
         lines = [(user, band) for band in (drone, drone.aside) for user in band.waiting]
         for user, band in lines:
             request = users[user].request
             if state.relays and state.tasks[user].site not in (-1, number):
                 continue  # it may wait for the backhaul of another drone
-            later = [one for one in new if not one.queued and _place(one) > _place(request)]
+            after = [one.request for one in new if _place(one) > _place(users[user])]
+            later = [one for one in after if _begins(state, one, number) and not one.queued]
             beside = [one for one in later if drone.band < 0 or one.up == request.up]
             later_hz = sum(one.used_hz for one in beside)
             later_bps = sum(one.bandwidth_bps for one in beside)
@@ -151,9 +151,14 @@ def _admission(simulation: Simulation, record: InstantRecord) -> None:
             assert waits, f"user {user} waits behind those who asked later at drone {number}"
 
 
-def _place(request: Request) -> tuple[int, int]:
-    """Return the place of a request in the order of admission."""
-    return request.t_request_us, request.user
+def _place(user: User) -> tuple[int, int]:
+    """Return the place of a user's request in the order of admission."""
+    return user.request.t_request_us, user.index
+
+
+def _begins(state: State, request: Request, sender: int) -> bool:
+    """Return whether a sender has begun to serve a request now."""
+    return request.server == sender and request.started_us == state.now_us
 
 
 def _totals(state: State, record: InstantRecord) -> None:

@@ -224,7 +224,7 @@ def _one_state(world: Constants, state: State, user: User) -> None:
     if request.number < 0:
         assert not queues and not shares, "a user waits without a request"
         return
-    _work(world, state, request)
+    _work(world, state, user)
     computing = [drone.index for drone in state.senders if user.index in drone.computing]
     computing += [drone.index for drone in state.senders if user.index in drone.moving]
     in_line = bool(queues or shares or computing)
@@ -269,20 +269,22 @@ def _finds_no_room(world: Constants, state: State, user: User) -> bool:
     return promised == 0
 
 
-def _work(world: Constants, state: State, request: Request) -> None:
+def _work(world: Constants, state: State, user: User) -> None:
     """Check that no more is done for a request than it requires, within its last microsecond.
 
     A request has been served for the times of the stages that it has passed through, if they are
     measured in time, and for what is done in this one. If something was lost, it was longer.
     """
+    request = user.request
     first = world.first_stages[request.service]
     stages = world.stages[first : first + request.stages]
-    if state.keeps_tasks and state.tasks[request.user].part < 1.0:
+    if state.keeps_tasks and state.tasks[user.index].part < 1.0:
         return  # see tests.audit.tasks
     assert 0 <= request.stage < request.stages, "a stage that there is not"
-    amounts = [drawn_amount(one, request.drawn, 0) for one in stages[: request.stage]]
+    drawn = state.drawn, user.index * world.draws
+    amounts = [drawn_amount(one, *drawn) for one in stages[: request.stage]]
     if request.stages > 1:
-        needed = drawn_amount(stages[request.stage], request.drawn, 0)
+        needed = drawn_amount(stages[request.stage], *drawn)
         if request.line == MOVING:
             volumes = zip(amounts, stages, strict=False)
             needed = sum(one for one, stage in volumes if stage.line <= SHARING and not stage.timed)

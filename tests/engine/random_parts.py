@@ -177,9 +177,9 @@ class Smallest(RowAdmission):
         while best >= 0:
             best = -1
             for k in range(len(drone.waiting)):
-                request = state.users[drone.waiting[k]].request
-                if fits(world, state, drone, request) and (
-                    best < 0 or request.needs_hz < state.users[best].request.needs_hz
+                user = state.users[drone.waiting[k]]
+                if fits(world, state, drone, user) and (
+                    best < 0 or user.request.needs_hz < state.users[best].request.needs_hz
                 ):
                     best = drone.waiting[k]
             if best >= 0:

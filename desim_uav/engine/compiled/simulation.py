@@ -70,7 +70,7 @@ class BatchSimulation(Engine):
         self.fixed = pack(world, settings)
         users = len(world.homes)
         crossings = _most_crossings(world) // (1 if world.graded else FEW)
-        self.buffers = Buffers(BUFFER + REQUESTS_A_USER * users, crossings, 4 * crossings)
+        self.buffers = Buffers(BUFFER + REQUESTS_A_USER * users, crossings, users)
         self.leg_buffer = legs_of_step(world)
         self._make_room()
 

@@ -17,7 +17,7 @@ from desim_uav.model.geometry.relative import Change
 from desim_uav.model.motion.motion import Transit, cruise_of
 from desim_uav.model.radio.nested import changes_on
 from desim_uav.model.rules import Action, kind_of, move_of
-from desim_uav.rowcode.views import zeros
+from desim_uav.rowcode.views import dtype_of, zeros
 from desim_uav.rules.standing import COURSES
 from desim_uav.world import World
 
@@ -51,7 +51,7 @@ def tabulate(world: World) -> tuple[Ints, Any]:
         return np.empty(0, np.int64), zeros(Change, 0)
     looks = _Looks(world)
     tables = [rows for number in range(len(world.types)) for rows in looks.of_type(number)]
-    return np.cumsum([0, *map(len, tables)]), np.concatenate(tables)
+    return np.cumsum([0, *map(len, tables)]), np.concatenate(tables, dtype=dtype_of(Change))
 
 
 def legs_in_table(world: World) -> int:

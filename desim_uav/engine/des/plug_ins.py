@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from desim_uav.engine.constants import transits_of
-from desim_uav.model.admission import RowAdmission
+from desim_uav.model.admission import RowAdmission, Waiting
 from desim_uav.model.energy.battery import Energy, RowEnergy
 from desim_uav.model.energy.charging import RowCharging
 from desim_uav.model.motion.motion import Transit
@@ -24,7 +24,7 @@ from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.components import over_rows, works_on_rows
 from desim_uav.rules.admission import admit, turn_away
 from desim_uav.rules.rewards import add_up, clear_terms, give
-from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.world import World
 
 
@@ -86,7 +86,7 @@ def _scan(rule: Any, world: World) -> Callable[..., None]:
         if not drone.waiting:
             return
         free_hz = math.inf if constants.radios[drone.radio].bandwidth_hz < 0 else drone.free_hz
-        requests = tuple(state.users[user].request for user in drone.waiting)
+        requests = [_waiting(state.users[user]) for user in drone.waiting]
         served, refused = rule.scan(requests, free_hz)
         for request in served:
             admit(constants, state, drone, request.user, phase)
@@ -94,6 +94,11 @@ def _scan(rule: Any, world: World) -> Callable[..., None]:
             turn_away(constants, path, state, drone, request.user, phase)
 
     return scan
+
+
+def _waiting(user: User) -> Waiting:
+    """Return what an admission rule may know about a user's request."""
+    return Waiting(user.index, *(getattr(user.request, name) for name in Waiting._fields[1:]))
 
 
 def _pay(world: World) -> Callable[..., None]:

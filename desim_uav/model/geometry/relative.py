@@ -13,7 +13,7 @@ import numpy as np
 
 from desim_uav.model.geometry.coverage import MARGIN_M, DroneLeg, WalkLeg
 from desim_uav.rowcode.kernels import kernel, part
-from desim_uav.rowcode.rows import Row, Table, row
+from desim_uav.rowcode.rows import Int16, Int32, Row, Table, row
 
 GRAZE_M = 1e-13
 """How close to the radius, in metres, an extremum of the distance touches it without a crossing."""
@@ -31,8 +31,8 @@ class Change(Row):
     """
 
     t_us: int
-    user: int
-    change: int
+    user: Int32
+    change: Int16
 
 
 class Relative(NamedTuple):

@@ -69,16 +69,16 @@ class RandomWalk(RowMobility):
     leg_s: Annotated[float, Ge(0.001)] = 60.0
     """How long a user walks before it takes a new heading, in seconds."""
 
-    remembers: ClassVar = {"turn_us": int}
     stays_on_map = True
 
     def next_leg(self, walker: Any, stream: Any, area: Any) -> None:
         """Walk to a turn, where the user takes a new heading, or to the edge of the map."""
-        if walker.t_us == walker.turn_us:
+        leg_us = int(np.rint(self.leg_s * US))
+        since_us = walker.t_us % leg_us
+        if since_us == 0:
             x, y = heading(stream)
             walker.vx_mps, walker.vy_mps = self.speed_mps * x, self.speed_mps * y
-            walker.turn_us += int(np.rint(self.leg_s * US))
-        go_on(walker, area, walker.turn_us)
+        go_on(walker, area, walker.t_us - since_us + leg_us)
 
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
         """Return the mean number of legs of all users in an episode: turns, and edges that are met.

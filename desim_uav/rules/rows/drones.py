@@ -135,19 +135,19 @@ class Drone(Row):
     is ``off_grid`` has a ``course``, and only if the state ``keeps_credit`` it has ``credit``.
     """
 
-    index: int
-    point: int
-    off_grid: int
-    type: int
-    radio: int
-    mode: int
-    x: int
-    y: int
-    level: int
-    to_x: int
-    to_y: int
-    to_level: int
-    transit: int
+    index: Int16
+    point: Int16
+    off_grid: Int16
+    type: Int16
+    radio: Int16
+    mode: Int16
+    x: Int32
+    y: Int32
+    level: Int32
+    to_x: Int32
+    to_y: Int32
+    to_level: Int32
+    transit: Int32
     since_us: int
     until_us: int
     charge: int
@@ -156,27 +156,27 @@ class Drone(Row):
     gained: int
     counted: int
     counted_m: float
-    waits: int
-    hopping: int
-    route: int
-    route_end: int
-    landed_in: int
-    fallen: int
+    waits: Int16
+    hopping: Int16
+    route: Int32
+    route_end: Int32
+    landed_in: Int16
+    fallen: Int16
     fallen_x_m: float
     fallen_y_m: float
-    respawns: int
-    serving: int
+    respawns: Int32
+    serving: Int16
     band: Int16
     free_hz: int
     used_hz: int
     free_bps: int
     proposed_bps: int
     left_bps: int
-    relayed: int
-    attached_users: int
-    scan: int
+    relayed: Int32
+    attached_users: Int32
+    scan: Int16
     command: int
-    taken: int
+    taken: Int32
     marked_us: int
     marked_until_us: int
     waiting: Queue[Int32]
@@ -268,18 +268,18 @@ class ObservationRow(Row):
     beginning of the episode if there was none.
     """
 
-    mode: int
-    x: int
-    y: int
-    level: int
+    mode: Int16
+    x: Int32
+    y: Int32
+    level: Int32
     charge: int
-    believed: int
-    attached_users: int
+    believed: Int32
+    attached_users: Int32
     used_hz: int
-    served_requests: int
+    served_requests: Int32
     link_quality: float
     allows: int
-    forced: int
+    forced: Int16
     elapsed_us: int
 
 

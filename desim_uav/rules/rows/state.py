@@ -48,7 +48,10 @@ class State(Row):
     queues have to be scanned. If
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
     the time in outages that have ended, and ``links`` are those of its users; else there are none
-    (see ``rules.links``). If it ``keeps_tasks``, ``tasks`` are those of its users (see
+    (see ``rules.links``). If it ``keeps_credit``, so much of each user's present stage has been
+    ``credited`` (see ``rules.credit``). ``drawn`` has the values that the users' open requests have
+    drawn for their stages, ``Constants.draws`` of each user, if they may be needed again (see
+    ``rules.stages``). If it ``keeps_tasks``, ``tasks`` are those of its users (see
     ``rules.tasks``), whose results come over backhauls if it ``relays``. If it ``keeps_sensors``,
     ``sensors`` are those of its users, so many of whom are ``sensing`` and have taken ``generated``
     updates (see ``rules.updates``), and if it ``uploads``, stored updates come to the ground over
@@ -71,8 +74,8 @@ class State(Row):
     epoch_us: int
     next_us: int
     share: float
-    terminated: int
-    truncated: int
+    terminated: Int16
+    truncated: Int16
     opened: int
     in_service: int
     charges: int
@@ -87,17 +90,17 @@ class State(Row):
     closed_qoe1: float
     distance_m: float
     to_scan: int
-    by_level: int
-    retunes: int
-    renews: int
-    keeps_events: int
-    keeps_requests: int
-    keeps_links: int
-    keeps_credit: int
-    keeps_tasks: int
-    relays: int
-    uploads: int
-    keeps_sensors: int
+    by_level: Int16
+    retunes: Int16
+    renews: Int16
+    keeps_events: Int16
+    keeps_requests: Int16
+    keeps_links: Int16
+    keeps_credit: Int16
+    keeps_tasks: Int16
+    relays: Int16
+    uploads: Int16
+    keeps_sensors: Int16
     sensing: int
     generated: int
     aged: float
@@ -113,6 +116,8 @@ class State(Row):
     drones: Table[Drone]
     pairs: Table[Pair]
     users: Table[User]
+    credited: Table[int]
+    drawn: Table[int]
     links: Table[UserLinks]
     tasks: Table[Task]
     sensors: Table[Sensor]

@@ -24,14 +24,11 @@ class Request(Row):
     is ``queued``, it stands in the line number ``line`` of its user's drone (see
     ``model.services``), and in the band of uploads if it goes ``up`` and there is one. One that
     holds the rate ``bandwidth_bps`` needs a bandwidth of ``needs_hz`` in its present class.
-    ``credited`` of the stage have been counted in ``rules.credit``. Of its services that lasted
-    more than 0 µs, the first began at ``t_first_us``; the last was by ``last_server`` and ended at
-    ``stopped_us``. ``drawn`` has the values that it has drawn for its stages, if any service of the
-    scenario has several.
+    Of its services that lasted more than 0 µs, the first began at ``t_first_us``; the last was by
+    ``last_server`` and ended at ``stopped_us``.
     """
 
     number: Int32
-    user: Int32
     service: Int16
     t_request_us: int
     required: int
@@ -54,8 +51,6 @@ class Request(Row):
     counted_us: int
     stopped_us: int
     last_server: Int16
-    credited: int
-    drawn: Table[int]
 
 
 @row
