@@ -258,8 +258,10 @@ def find_bounds(
     A run has ``episodes`` episodes on the sample paths of its seed, as ``compare`` evaluates
     policies, after any warm-up. The bounds hold on each seed, and their means bound the means of
     any policy on the same seeds. The result has ``"means"`` and, for each seed, a row in
-    ``"seeds"``, with ``qoe3_at_most_percent``, ``qoe1_at_most_percent`` (None if nothing is
-    requested) and ``schedule_qoe3_percent``: what a schedule that knows the sample paths reaches.
+    ``"seeds"``, with ``qoe3_at_most_percent``, ``crash_free_at_most_percent`` (the bound of QoE3
+    for policies whose drones do not crash), ``qoe1_at_most_percent`` (None if nothing is requested)
+    and ``schedule_qoe3_percent``: what a schedule without crashes that knows the sample paths
+    reaches (None if there is none).
 
     Args:
         scenario: A shipped name such as ``"case8"``, a file, its content, or a loaded scenario.

@@ -12,12 +12,17 @@ from desim_uav.optimum.run.schedule import TURNS
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
-MEASURES = ("qoe3_at_most_percent", "qoe1_at_most_percent", "schedule_qoe3_percent")
+MEASURES = (
+    "qoe3_at_most_percent",
+    "crash_free_at_most_percent",
+    "qoe1_at_most_percent",
+    "schedule_qoe3_percent",
+)
 
 
 def work_of(seeds: int, episodes: int) -> int:
     """Return how often ``bounds`` reports progress, at most."""
-    return seeds * (2 * ROUNDS + TURNS + episodes)
+    return seeds * (3 * ROUNDS + TURNS * episodes + episodes)
 
 
 def bounds(
