@@ -25,7 +25,7 @@ class JointNumber:
 
     @property
     def count(self) -> int:
-        """How many numbers there are."""
+        """The number of joint actions, each of which has a number."""
         return int(self.actions**self.drones)
 
     def space(self) -> Discrete:

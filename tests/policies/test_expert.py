@@ -20,31 +20,18 @@ from desim_uav.env import UavParallelEnv, UavParallelVectorEnv
 from desim_uav.policies import load_policy
 from desim_uav.policies.mlp import MlpFile
 from desim_uav.scenario.load import from_mapping
+from tests.policies.far import FAR
 
 ROOT = Path(__file__).parents[2]
 EXPERT = ROOT / "policies" / "expert.py"
 torch = pytest.importorskip("torch")
 pytestmark = pytest.mark.thorough
 
-FAR: dict[str, Any] = {
-    "name": "far",
-    "world_seed": 0,
-    "map": {"size_m": [1200, 240], "cells": [5, 1], "dimensions": 2},
-    "drones": {
-        "count": 1,
-        "start_cells": [[0, 0]],
-        "footprint_radius_m": 120,
-        "bandwidth_kbps": None,
-        "battery": None,
-    },
-    "stations": {"count": 0},
-    "users": {"positions_m": [[1080, 120], [1080, 100]], "mobility": {"kind": "static"}},
-    "demand": {"kind": "continuous"},
-    "episode": {"steps": 12, "carry_over": False},
+SEEN_FAR: dict[str, Any] = FAR | {
     "observation": {"kind": "radar", "cells_x": 7, "cells_y": 7},
     "reward": {"kind": "qoe", "difference": False},
 }
-"""Two users four cells to the east of the only drone: nothing is gained on the way."""
+"""The same with what the expert sees, and is paid for."""
 
 QUICK = {"envs": 2, "steps": 13, "imitations": 1, "searches": 1, "horizon": 3, "hidden": 8}
 
@@ -58,7 +45,7 @@ def expert() -> Any:
     return module
 
 
-def trained(expert: Any, scenario: Any = FAR, **changes: Any) -> tuple[Any, Any]:
+def trained(expert: Any, scenario: Any = SEEN_FAR, **changes: Any) -> tuple[Any, Any]:
     """The last network of a short training, as torch has it and as it is saved."""
     saved: list[Any] = []
     options = expert.options_of(**{**QUICK, **changes})
@@ -75,7 +62,7 @@ def test_it_learns_to_fly_to_the_users(
     expert: Any, tmp_path: Path, passes: tuple[int, int], start: int
 ):
     """By the teacher alone, and by the search alone from nearby: straight there, and then stay."""
-    scenario = {**FAR, "drones": {**FAR["drones"], "start_cells": [[start, 0]]}}
+    scenario = {**SEEN_FAR, "drones": {**SEEN_FAR["drones"], "start_cells": [[start, 0]]}}
     settings = {"imitations": passes[0], "searches": passes[1], "envs": 8, "horizon": 6}
     fast = {"batch": 16, "rate": 4e-3, "search_rate": 4e-3, "sharp": 9.0}
     network = trained(expert, scenario, **settings, hidden=160, every=1, **fast)[1]
@@ -107,7 +94,7 @@ def city(turn: Any) -> dict[str, Any]:
     users = [turn(x, y) for x, y in ((130, 700), (500, 710), (900, 250), (1100, 1150))]
     start = [[int(at // 240) for at in turn(*place)] for place in ((360, 600), (840, 120))]
     return {
-        **FAR,
+        **SEEN_FAR,
         "map": {"size_m": [1200, 1200], "cells": [5, 5], "dimensions": 2},
         "drones": {"count": 2, "start_cells": start, "battery": None},
         "users": {"positions_m": users, "mobility": {"kind": "static"}},
@@ -134,7 +121,7 @@ def test_a_turned_map_is_seen_as_the_map_is_turned(expert: Any, k: int):
 
 def test_a_search_finds_what_an_environment_gains(expert: Any):
     """Each action of a drone is tried, and then the network's best ones follow."""
-    scenario = {**FAR, "drones": {**FAR["drones"], "start_cells": [[3, 0]]}}
+    scenario = {**SEEN_FAR, "drones": {**SEEN_FAR["drones"], "start_cells": [[3, 0]]}}
     options = expert.options_of(**{**QUICK, "gamma": 0.5})
     city = expert.City(from_mapping(scenario), options)
     net = expert.Net(city.env.sessions[0].world, 8)
@@ -204,7 +191,7 @@ def started(*arguments: Any) -> subprocess.Popen[str]:
 
 
 def test_it_is_interrupted_and_says_what_is_wrong(tmp_path: Path):
-    (tmp_path / "far.yaml").write_text(json.dumps(FAR))
+    (tmp_path / "far.yaml").write_text(json.dumps(SEEN_FAR))
     quick = ("--envs", 2, "--steps", 13, "--hidden", 8, "--out", tmp_path / "far.npz")
     running = started(tmp_path / "far.yaml", *quick, "--imitations", 4096)
     assert running.stderr is not None

@@ -21,31 +21,12 @@ from desim_uav.policies import load_policy
 from desim_uav.policies.mlp import MlpFile, scaling_of
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
+from tests.policies.far import FAR
 from tests.semi_markov import DISCOUNTS, GAMMA, REWARDS, TWO, WAY
 
 ROOT = Path(__file__).parents[2]
 PPO = ROOT / "policies" / "ppo.py"
 pytestmark = pytest.mark.thorough
-
-FAR: dict[str, Any] = {
-    "name": "far",
-    "world_seed": 0,
-    "map": {"size_m": [1200, 240], "cells": [5, 1], "dimensions": 2},
-    "drones": {
-        "count": 1,
-        "start_cells": [[0, 0]],
-        "footprint_radius_m": 120,
-        "bandwidth_kbps": None,
-        "battery": None,
-    },
-    "stations": {"count": 0},
-    "users": {"positions_m": [[1080, 120], [1080, 100]], "mobility": {"kind": "static"}},
-    "demand": {"kind": "continuous"},
-    "episode": {"steps": 12, "carry_over": False},
-    "observation": {"kind": "local"},
-    "reward": {"kind": "qoe"},
-}
-"""Two users four cells to the east of the only drone: nothing is gained on the way."""
 
 FREELY = {**FAR, "drones": {**FAR["drones"], "motion": {"space": "free", "max_speed_mps": 8.3}}}
 """The same in free flight: two steps of 490 m lead to the users."""

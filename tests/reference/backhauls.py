@@ -65,7 +65,7 @@ class Backhauls:
         return int(max(self.left_bps[d], 0)) // (self.sharers[d] + self.relayed[d])
 
     def for_sharing_bps(self, d: int) -> float:
-        """What is left for transfers over the links."""
+        """The capacity of a backhaul that is left for what its drone sends over radio links."""
         if self.relayed[d] == 0:
             return self.left_bps[d]
         return self.left_bps[d] - self.relayed[d] * self.part_bps(d)
