@@ -92,6 +92,10 @@ def _alone(lone: dict[str, Any]) -> Iterator[OptimumRow]:
 def _in_runs(runs: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of bounds of runs."""
     means, over = runs["means"], f"in a run of {runs['episodes']} episode(s)"
+    if "age_at_least_s" in means:
+        least = f"at least {means['age_at_least_s']['mean']:.1f} s"
+        yield f"mean age, {over}", "", "", least, "", None
+        return
     reached = means["schedule_qoe3_percent"]["mean"]
     any_policy, crash_free = (
         f"{means[name]['mean']:.1f} %"
@@ -111,11 +115,14 @@ def _in_runs(runs: dict[str, Any]) -> Iterator[OptimumRow]:
 def runs_in_words(runs: dict[str, Any]) -> str:
     """Return what the bounds of runs mean, and how close they are."""
     means, rows = runs["means"], runs["seeds"]
+    seeds = f"seed {rows[0]['seed']}" if len(rows) == 1 else f"{len(rows)} seeds"
+    if "age_at_least_s" in means:
+        least = _estimate(means["age_at_least_s"])
+        return f"In a run on {seeds}, no policy has a mean age below {least} s."
     qoe3, crash_free, qoe1, reached = (
         means[f"{name}_percent"]
         for name in ("qoe3_at_most", "crash_free_at_most", "qoe1_at_most", "schedule_qoe3")
     )
-    seeds = f"seed {rows[0]['seed']}" if len(rows) == 1 else f"{len(rows)} seeds"
     sentences = f"In a run on {seeds}, no policy exceeds a QoE3 of {_estimate(qoe3)} %"
     differs = f"{crash_free['mean']:.2f}" != f"{qoe3['mean']:.2f}"
     if differs:

@@ -9,6 +9,7 @@ from desim_uav.errors import DesimError
 from desim_uav.experiment.bench.score import CRASHES
 from desim_uav.experiment.bench.tasks import EPISODES, BenchTrack, Task
 from desim_uav.model.demand.demand import Continuous
+from desim_uav.optimum.gathering import gathers, refuse_other_gathering
 from desim_uav.optimum.paper_model import refuse_other_models
 
 ROUNDS = {"endurance": 50}
@@ -23,8 +24,12 @@ A score is at most 1 if it costs at least as much there: if the bound is 10 % ab
 
 def has_bound(task: Task, track: BenchTrack) -> bool:
     """Return whether bounds are proven for the model of a task."""
+    scenario = task.scenario(track)
     try:
-        refuse_other_models(task.scenario(track), several_types=True)
+        if gathers(scenario):
+            refuse_other_gathering(scenario)
+        else:
+            refuse_other_models(scenario, several_types=True)
     except DesimError:
         return False
     return True
@@ -43,15 +48,17 @@ def compute(task: Task, track: BenchTrack, seed: int) -> dict[str, float]:
 
     QoE3 less ``CRASH_PRICE`` for each crash per drone and episode is at most the bound.
     QoE1 has the bound of QoE3 if all users always have an open request, and else none that is
-    better than 100 % and quickly computed.
+    better than 100 % and quickly computed. The mean age of sensors is at least its bound.
     """
     if not has_bound(task, track):
         return {}
-    from desim_uav.optimum.run import bound  # which compiles code
+    from desim_uav.optimum.run import ages, bound  # which compile code
     from desim_uav.world import build_world
 
     scenario = task.scenario(track)
     world = build_world(scenario, track.world_of(seed))
+    if gathers(scenario):
+        return {"age_s": ages.BoundedAges(world, seed, EPISODES).age_at_least_s()}
     rounds = ROUNDS.get(task.family, bound.ROUNDS)
     qoe3 = 100.0 * bound.BoundedRun(world, seed, EPISODES, rounds).qoe3(CRASH_PRICE)
     always = all(type(own) is Continuous for own in scenario.demands)
