@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from desim_uav.errors import ScenarioError
+from desim_uav.model.collecting import Sensing
 from desim_uav.model.motion.motion import cruise_of
 from desim_uav.model.radio.radio import LinkClasses
-from desim_uav.model.services import collecting_of
+from desim_uav.model.services import Collecting, collecting_of
 from desim_uav.registry import kind_name
 from desim_uav.scenario.schema import Scenario
 
@@ -16,8 +17,15 @@ ONLY = "the mean age can be bounded only"
 
 
 def gathers(scenario: Scenario) -> bool:
-    """Return whether there are sensors, so that ages are what is bounded."""
-    return any(collecting_of(service) is not None for service in scenario.services.values())
+    """Return whether data of sensors are carried to the ground, so that ages are bounded."""
+    return any(how.ground for how in _gathered(scenario).values())
+
+
+def _gathered(scenario: Scenario) -> dict[str, Collecting]:
+    """Return how the updates of each service that sensors send are kept."""
+    names = {demand.service for demand in scenario.demands if isinstance(demand, Sensing)}
+    how = {name: collecting_of(scenario.services[name]) for name in sorted(names)}
+    return {name: kept for name, kept in how.items() if kept is not None}
 
 
 def refuse_other_gathering(scenario: Scenario) -> None:
@@ -34,9 +42,8 @@ def _problems(scenario: Scenario) -> Iterator[str]:
         return
     drones = scenario.fleet[0]
     radio: Any = drones.radio
-    for name, service in scenario.services.items():
-        how = collecting_of(service)
-        if how is not None and not how.ground:
+    for name, how in _gathered(scenario).items():
+        if not how.ground:
             yield f"services.{name}.delivered: drone: {ONLY} with ground, where drones have to land"
     if not scenario.users_stay:
         yield f"users.mobility: {ONLY} with static, where sensors stay where they are"

@@ -140,7 +140,7 @@ def test_the_command_shows_the_bound():
 @pytest.mark.parametrize(
     ("key", "value", "named"),
     [
-        ("services.reading.delivered", "drone", "services.reading.delivered: drone"),
+        ("services.reading.delivered", "drone", "services.reading.kind: collect: the optimum"),
         ("users.mobility", {"kind": "random_walk"}, "users.mobility"),
         ("decisions", "event", "decisions: event"),
         ("map.dimensions", 3, "map.dimensions: 3"),
@@ -152,3 +152,18 @@ def test_what_is_refused(key, value, named):
     plain = farm().model_dump(mode="json", exclude_unset=True)
     with pytest.raises(ScenarioError, match=named):
         du.find_bounds(plain, {key: value}, seeds=1, episodes=1)
+
+
+def test_sensors_whose_data_stay_aloft_are_refused():
+    """They are named if others have theirs carried to the ground."""
+    plain = farm().model_dump(mode="json", exclude_unset=True)
+    reading = plain["services"]["reading"]
+    services = {"reading": reading, "live": reading | {"delivered": "drone"}}
+    groups = [
+        {"name": name, "count": 1, "mobility": {"kind": "static"}}
+        | {"demand": {"kind": "sensing", "service": name}}
+        for name in services
+    ]
+    del plain["demand"]
+    with pytest.raises(ScenarioError, match=r"services\.live\.delivered: drone: the mean age"):
+        du.find_bounds(plain | {"services": services, "users": groups}, seeds=1, episodes=1)

@@ -61,8 +61,8 @@ class BoundedAges:
         self.paths = [draw(world, seed, episode) for episode in range(episodes)]
         self.steps = world.scenario.episode.steps
         self.sensors = [user for user, service in enumerate(world.senses) if service >= 0]
-        services = list(world.scenario.services.values())
-        kept = [collecting_of(services[world.senses[user]]) for user in self.sensors]
+        names, services = world.services.names, world.scenario.services
+        kept = [collecting_of(services[names[world.senses[user]]]) for user in self.sensors]
         self.last_only = [how is not None and how.keeps == LAST for how in kept]
         rates = rates_of(world, kind, np.array(world.homes)[self.sensors, :2])
         self.mbps = rates.mbps.max((0, 1, 2))
