@@ -226,7 +226,8 @@ def find_optimum(
 
     Raises:
         ScenarioError: the scenario is invalid, or its model is not the paper's: it has link
-            classes, access points, an association by level or services that ask for a volume.
+            classes, access points, an association by level or services that ask for a volume. With
+            sensors, other keys can prevent a bound of the mean age; the message names them.
         UsageError: the scenario cannot be solved for another reason; the message names the key.
     """
     from desim_uav.api import arguments
@@ -258,8 +259,11 @@ def find_bounds(
     A run has ``episodes`` episodes on the sample paths of its seed, as ``compare`` evaluates
     policies, after any warm-up. The bounds hold on each seed, and their means bound the means of
     any policy on the same seeds. The result has ``"means"`` and, for each seed, a row in
-    ``"seeds"``, with ``qoe3_at_most_percent``, ``qoe1_at_most_percent`` (None if nothing is
-    requested) and ``schedule_qoe3_percent``: what a schedule that knows the sample paths reaches.
+    ``"seeds"``, with ``qoe3_at_most_percent``, ``crash_free_at_most_percent`` (the bound of QoE3
+    for policies whose drones do not crash), ``qoe1_at_most_percent`` (None if nothing is requested)
+    and ``schedule_qoe3_percent``: what a schedule without crashes that knows the sample paths
+    reaches (None if there is none). Where sensors gather data, the rows have ``age_at_least_s``
+    instead: no policy has a lower mean age.
 
     Args:
         scenario: A shipped name such as ``"case8"``, a file, its content, or a loaded scenario.

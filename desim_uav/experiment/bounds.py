@@ -6,18 +6,29 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from desim_uav.experiment.statistics import estimate
+from desim_uav.optimum.gathering import gathers, refuse_other_gathering
 from desim_uav.optimum.paper_model import refuse_other_models
+from desim_uav.optimum.run.ages import BoundedAges
 from desim_uav.optimum.run.bound import ROUNDS, BoundedRun
 from desim_uav.optimum.run.schedule import TURNS
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
-MEASURES = ("qoe3_at_most_percent", "qoe1_at_most_percent", "schedule_qoe3_percent")
+MEASURES = (
+    "qoe3_at_most_percent",
+    "crash_free_at_most_percent",
+    "qoe1_at_most_percent",
+    "schedule_qoe3_percent",
+)
+
+
+AGES = ("age_at_least_s",)
+"""What is bounded where sensors gather data."""
 
 
 def work_of(seeds: int, episodes: int) -> int:
     """Return how often ``bounds`` reports progress, at most."""
-    return seeds * (2 * ROUNDS + TURNS + episodes)
+    return seeds * (3 * ROUNDS + TURNS * episodes + episodes)
 
 
 def bounds(
@@ -29,13 +40,33 @@ def bounds(
 ) -> dict[str, Any]:
     """Return the bounds of a run on each seed, in the world of that seed, and their means.
 
-    Raises ScenarioError if the model is not the paper's, and UsageError, with the key, if a run
+    Where there are sensors, the mean age is bounded, and else QoE3 and QoE1. Raises ScenarioError
+    if the model is not one in which this is proven, and UsageError, with the key, if a run
     cannot be bounded for another reason.
     """
-    refuse_other_models(scenario, several_types=True)
-    rows = [_row(scenario, seed, episodes, schedule, on_work) for seed in seeds]
-    means = {name: estimate(row[name] for row in rows).values() for name in MEASURES}
+    if gathers(scenario):
+        refuse_other_gathering(scenario)
+        names: Sequence[str] = AGES
+        rows = [_row_of_ages(scenario, seed, episodes, on_work) for seed in seeds]
+    else:
+        refuse_other_models(scenario, several_types=True)
+        names = MEASURES
+        rows = [_row(scenario, seed, episodes, schedule, on_work) for seed in seeds]
+    means = {name: estimate(row[name] for row in rows).values() for name in names}
     return {"episodes": episodes, "means": means, "seeds": rows}
+
+
+def _row_of_ages(
+    scenario: Scenario, seed: int, episodes: int, on_work: Callable[[], None]
+) -> dict[str, Any]:
+    seeded = scenario.model_copy(update={"seed": seed})
+    world = build_world(seeded, seeded.effective_world_seed)
+    bound = BoundedAges(world, seed, episodes, on_work=on_work).age_at_least_s()
+    return {
+        "seed": seed,
+        "world_seed": seeded.effective_world_seed,
+        "age_at_least_s": bound,
+    }
 
 
 def _row(

@@ -13,6 +13,7 @@ from desim_uav.experiment.bounds import bounds
 from desim_uav.optimum.cover import FairCover, Spots, cover, fair_cover, instant_bound
 from desim_uav.optimum.discounted import optimal_return
 from desim_uav.optimum.gain import best_policy, long_run
+from desim_uav.optimum.gathering import gathers, refuse_other_gathering
 from desim_uav.optimum.graph import Forced, Graph, explore, unlimited
 from desim_uav.optimum.horizon import best_episode, episode_total
 from desim_uav.optimum.itinerary import (
@@ -54,8 +55,12 @@ def optimum(
     ScenarioError, with all keys that prevent it, if the model is not the paper's, and UsageError,
     with the key, if the scenario cannot be solved for another reason.
     """
-    static = scenario.users_stay
-    refuse_other_models(scenario, several_types=not static)
+    of_ages = gathers(scenario)
+    static = scenario.users_stay and not of_ages
+    if of_ages:
+        refuse_other_gathering(scenario)
+    else:
+        refuse_other_models(scenario, several_types=not static)
     world = build_world(scenario, scenario.effective_world_seed)
     lone = scenario.drone_count == 1 and static
     process = DroneProcess(world) if lone else None
@@ -89,7 +94,7 @@ def optimum(
 def bounds_runs(scenario: Scenario) -> bool:
     """Return whether bounds of runs say more than the best cells and the best of one drone."""
     several = scenario.drone_count > 1 and scenario.limited_battery
-    return several or not scenario.users_stay
+    return several or not scenario.users_stay or gathers(scenario)
 
 
 def _covers(world: World) -> dict[str, Any]:

@@ -92,9 +92,21 @@ def _alone(lone: dict[str, Any]) -> Iterator[OptimumRow]:
 def _in_runs(runs: dict[str, Any]) -> Iterator[OptimumRow]:
     """Yield the rows of bounds of runs."""
     means, over = runs["means"], f"in a run of {runs['episodes']} episode(s)"
+    if "age_at_least_s" in means:
+        least = f"at least {means['age_at_least_s']['mean']:.1f} s"
+        yield f"mean age, {over}", "", "", least, "", None
+        return
     reached = means["schedule_qoe3_percent"]["mean"]
-    at_most = f"{means['qoe3_at_most_percent']['mean']:.1f} %"
-    yield f"QoE3, {over}", "" if reached is None else f"{reached:.1f}", "", at_most, "", None
+    any_policy, crash_free = (
+        f"{means[name]['mean']:.1f} %"
+        for name in ("qoe3_at_most_percent", "crash_free_at_most_percent")
+    )
+    reaches = "" if reached is None else f"{reached:.1f}"
+    if crash_free == any_policy:
+        yield f"QoE3, {over}", reaches, "", any_policy, "", None
+    else:
+        yield f"QoE3, {over}", "", "", any_policy, "", None
+        yield "QoE3, without crashes", reaches, "", crash_free, "", None
     if means["qoe1_at_most_percent"]["mean"] is not None:
         at_most = f"{means['qoe1_at_most_percent']['mean']:.1f} %"
         yield f"QoE1, {over}", "", "", at_most, "", None
@@ -103,16 +115,23 @@ def _in_runs(runs: dict[str, Any]) -> Iterator[OptimumRow]:
 def runs_in_words(runs: dict[str, Any]) -> str:
     """Return what the bounds of runs mean, and how close they are."""
     means, rows = runs["means"], runs["seeds"]
-    qoe3, qoe1, reached = (
-        means[f"{name}_percent"] for name in ("qoe3_at_most", "qoe1_at_most", "schedule_qoe3")
-    )
     seeds = f"seed {rows[0]['seed']}" if len(rows) == 1 else f"{len(rows)} seeds"
+    if "age_at_least_s" in means:
+        least = _estimate(means["age_at_least_s"])
+        return f"In a run on {seeds}, no policy has a mean age below {least} s."
+    qoe3, crash_free, qoe1, reached = (
+        means[f"{name}_percent"]
+        for name in ("qoe3_at_most", "crash_free_at_most", "qoe1_at_most", "schedule_qoe3")
+    )
     sentences = f"In a run on {seeds}, no policy exceeds a QoE3 of {_estimate(qoe3)} %"
+    differs = f"{crash_free['mean']:.2f}" != f"{qoe3['mean']:.2f}"
+    if differs:
+        sentences += f", and none without crashes one of {_estimate(crash_free)} %"
     if reached["mean"]:
-        gap = 100.0 * (qoe3["mean"] / reached["mean"] - 1.0)
+        gap = 100.0 * (crash_free["mean"] / reached["mean"] - 1.0)
         sentences += (
-            f"; a schedule that knows all walks reaches {_estimate(reached)} %, so this bound is "
-            f"at most {gap:.1f} % too high"
+            f"; a schedule {'without crashes ' * differs}that knows all walks reaches "
+            f"{_estimate(reached)} %, so this bound is at most {gap:.1f} % too high"
         )
     if qoe1["mean"] is not None:
         sentences += f". No policy exceeds a QoE1 of {_estimate(qoe1)} %"

@@ -14,7 +14,7 @@ from desim_uav.errors import PolicyError, ScenarioError
 from desim_uav.experiment.bench import submission
 from desim_uav.experiment.bench import tasks as frozen
 from desim_uav.experiment.bench.board import board, markdown, profile
-from desim_uav.experiment.bench.bounds import compute, has_bound
+from desim_uav.experiment.bench.bounds import CRASH_PRICE, compute, has_bound
 from desim_uav.experiment.bench.commands import ARRAYS, Commands
 from desim_uav.experiment.bench.kept import BOUNDS, REFERENCES, kept
 from desim_uav.experiment.bench.measure import Measured
@@ -92,6 +92,8 @@ def test_references_and_bounds_are_kept_for_runs_of_the_protocol_only():
         assert seed in TRACKS[track].seeds
         reference = references[task, track, seed, measure]
         assert reference == bound or KNOWN[measure].verdict(bound - reference) == "better"
+        if measure in ("qoe1_percent", "qoe3_percent"):
+            assert bound - reference >= 100.0 * CRASH_PRICE  # so that a crash costs as much
     assert not has_bound(find_task("uav-v1/urban"), TRACKS["one"])
     assert compute(find_task("uav-v1/urban"), TRACKS["one"], 100) == {}
 

@@ -187,6 +187,15 @@ def test_a_command_of_free_flight_cannot_be_changed(cli, tmp_path, short):
 # ---- references and bounds
 
 
+def test_a_bound_of_qoe3_counts_crashes(monkeypatch):
+    """QoE3 less 10 points for each crash per drone and episode must not exceed it."""
+    task, track = find_task("uav-v1/endurance/small"), TRACKS["one"]
+    monkeypatch.setattr(verify, "bound_of", lambda *_: {"qoe3_percent": 60.0})
+    for qoe3, crashes, lines in ((59.0, 0.0, 0), (61.0, 0.0, 1), (64.0, 0.5, 0), (66.0, 0.5, 1)):
+        row = {"seed": 100, "qoe3_percent": qoe3, "crashes_per_drone_episode": crashes}
+        assert len(verify._of_bound(task, track, row)) == lines
+
+
 def test_a_bound_below_which_nobody_can_be_is_checked(monkeypatch):
     task, track = find_task("uav-v1/harvest/small"), TRACKS["one"]
     monkeypatch.setattr(verify, "bound_of", lambda *_: {"age_s": 60.0})

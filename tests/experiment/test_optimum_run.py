@@ -98,23 +98,42 @@ def state_of(engine):
 
 
 def best_qoe3(world, path):
-    """The largest QoE3 of all sequences of commands.
+    """The largest QoE3 of all sequences of commands, by the number of crashes in them.
 
-    Coverage adds up over steps. So of two sequences that lead to the same state of all drones, only
-    the one with more coverage can be the beginning of the best.
+    Coverage adds up over steps. So of two sequences that lead to the same state of all drones with
+    as many crashes, only the one with more coverage can be the beginning of the best.
     """
-    layer, best = [(0.0, ())], 0.0
+    layer, best = [(0.0, ())], {}
     for step in range(1, world.scenario.episode.steps + 1):
         following = {}
         for _, commands in layer:
             for joint in choices(world, path, commands):
                 engine, _ = played(world, path, (*commands, joint))
-                reached, key = step * engine.measures().qoe3_percent, state_of(engine)
+                crashes = engine.log.crashes
+                reached = step * engine.measures().qoe3_percent
+                key = crashes, *state_of(engine)
                 if key not in following or following[key][0] < reached:
                     following[key] = reached, (*commands, joint)
-                best = max(best, reached)
+                if step == world.scenario.episode.steps:
+                    mean = reached / step
+                    best[crashes] = max(best.get(crashes, 0.0), mean)
         layer = following.values()
-    return best / world.scenario.episode.steps
+    return best
+
+
+def check_bounds(world, seed):
+    """The best QoE3 of all commands, and the bounds, which no commands and no price exceed."""
+    run = BoundedRun(world, seed, 1, rounds=100)
+    found, best = run.bound(), best_qoe3(world, draw(world, seed, 0))
+    assert max(best.values()) <= found.qoe3_at_most_percent + 1e-9
+    assert best.get(0, 0.0) <= found.crash_free_at_most_percent + 1e-9
+    assert found.crash_free_at_most_percent <= found.qoe3_at_most_percent
+    assert (found.schedule_qoe3_percent or 0.0) <= best.get(0, 0.0) + 1e-9
+    for price in (0.05, 0.3):
+        each = 100.0 * price / world.scenario.drone_count
+        priced = max(qoe3 - each * crashes for crashes, qoe3 in best.items())
+        assert priced <= 100.0 * run.qoe3(price) + 1e-9
+    return max(best.values()), found
 
 
 def best_qoe1(world, path):
@@ -131,41 +150,33 @@ def best_qoe1(world, path):
     return best
 
 
-def check_qoe3(world, seed=0):
-    found = BoundedRun(world, seed, 1, rounds=100).bound()
-    best = best_qoe3(world, draw(world, seed, 0))
-    assert best <= found.qoe3_at_most_percent + 1e-9
-    assert found.schedule_qoe3_percent <= best + 1e-9
-    return best, found
-
-
 @pytest.mark.thorough
 def test_no_commands_cover_more():
     """Neither do they if prices are any others, which only make the bound higher."""
     world = small_world(0)
-    best, found = check_qoe3(world)
+    best, found = check_bounds(world, 0)
     assert 0.0 < best < found.qoe3_at_most_percent < 100.0
     run, rng = BoundedRun(world, 0, 1), np.random.default_rng(0)
     for _ in range(20):
         prices = rng.random((run.steps, len(world.homes)))
-        bound = lowest_bound(Covered(), run.fleet, prices, lambda _: False)
+        bound, _ = lowest_bound(Covered(), run.fleet, prices, lambda _: False)
         assert 100.0 * (bound + run.slack) >= best
 
 
 @pytest.mark.thorough
 def test_no_commands_cover_more_of_users_who_walk():
-    check_qoe3(small_world(1, walking=True), seed=1)
+    check_bounds(small_world(1, walking=True), seed=1)
 
 
 @pytest.mark.parametrize("seed", by_default([], [3, 5], at_most=1))
 def test_no_commands_cover_more_in_longer_runs(seed):
-    check_qoe3(small_world(seed, steps=4, walking=seed % 2 > 0), seed)
+    check_bounds(small_world(seed, steps=4, walking=seed % 2 > 0), seed)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6, 40))
 def test_no_commands_cover_more_in_many_runs(seed):
-    check_qoe3(small_world(seed, steps=4, walking=seed % 2 > 0), seed)
+    check_bounds(small_world(seed, steps=4, walking=seed % 2 > 0), seed)
 
 
 CHARGING = (
@@ -201,29 +212,21 @@ def energy_world(seed, steps=3, mixed=True, **changes):
     return build_world(from_mapping(plain | {"drones": types}), 0)
 
 
-def check_energy(world, seed=0):
-    found = BoundedRun(world, seed, 1, rounds=100).bound()
-    best = best_qoe3(world, draw(world, seed, 0))
-    assert best <= found.qoe3_at_most_percent + 1e-9
-    assert found.schedule_qoe3_percent is None
-    return best, found.qoe3_at_most_percent
-
-
 @pytest.mark.thorough
 def test_no_commands_of_a_mixed_fleet_on_energy_cover_more():
-    best, bound = check_energy(energy_world(0))
-    assert 0.0 < best < bound < 100.0
+    best, found = check_bounds(energy_world(0), 0)
+    assert 0.0 < best < found.qoe3_at_most_percent < 100.0
 
 
 @pytest.mark.parametrize("seed", by_default((), range(1, 5), 2))
 def test_no_commands_of_other_fleets_on_energy_cover_more(seed):
-    check_energy(energy_world(seed, mixed=seed != 2), seed)
+    check_bounds(energy_world(seed, mixed=seed != 2), seed)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5, 35))
 def test_no_commands_on_energy_cover_more_in_many_runs(seed):
-    check_energy(energy_world(seed, steps=4, mixed=seed % 3 > 0, walking=seed % 2 > 0), seed)
+    check_bounds(energy_world(seed, steps=4, mixed=seed % 3 > 0, walking=seed % 2 > 0), seed)
 
 
 BUSY = {
@@ -317,6 +320,7 @@ def test_a_battery_and_its_charge():
     """Users on the station's cell, 3 min of battery, and a charge of a step after two steps.
 
     In 6 steps: two of service, a charge, and three of service, the last of which ends in a crash.
+    Without a crash the drone charges twice.
     """
     battery = {"autonomy_min": 3, "return_below": 1.0, "respawn_after_min": 30}
     world = strip(
@@ -327,7 +331,8 @@ def test_a_battery_and_its_charge():
     )
     found = BoundedRun(world, 0, 1).bound()
     assert found.qoe3_at_most_percent == pytest.approx(100.0 * 5 / 6, abs=0.01)
-    assert found.schedule_qoe3_percent == pytest.approx(100.0 * 5 / 6)
+    assert found.crash_free_at_most_percent == pytest.approx(100.0 * 4 / 6, abs=0.01)
+    assert found.schedule_qoe3_percent == pytest.approx(100.0 * 4 / 6)
 
 
 def test_energy_and_a_swap():

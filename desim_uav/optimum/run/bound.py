@@ -16,10 +16,11 @@ import numpy as np
 from desim_uav.drone_type import DroneType
 from desim_uav.model.demand.demand import Continuous
 from desim_uav.optimum.paper_model import refuse_other_models
-from desim_uav.optimum.run.alone import ANYWHERE, alone_of, drain_of
+from desim_uav.optimum.run.alone import ANYWHERE, FORBIDDEN, alone_of, refuse_unbounded
+from desim_uav.optimum.run.battery import FINEST
 from desim_uav.optimum.run.covered import Covered
 from desim_uav.optimum.run.legs import shares_of
-from desim_uav.optimum.run.prices import Fleet, SamePrices, lowest_bound
+from desim_uav.optimum.run.prices import Fleet, Prices, SamePrices, lowest_bound
 from desim_uav.optimum.run.schedule import TURNS, TeamSchedule
 from desim_uav.optimum.run.served import Served, asked_in
 from desim_uav.sample_path import draw
@@ -42,22 +43,24 @@ SLACK_US = 2
 class RunBound:
     """Upper bounds of QoE3 and QoE1, in percent, that no policy exceeds in a run.
 
+    ``crash_free_at_most_percent`` is a bound of QoE3 for policies whose drones do not crash.
     ``qoe1_at_most_percent`` is None if the run has no requests. ``schedule_qoe3_percent`` is the
-    QoE3 of a schedule that was made with knowledge of the sample paths, or None if no schedule was
-    looked for.
+    QoE3 of a schedule without crashes that was made with knowledge of the sample paths, or None if
+    no schedule was looked for, or none without a crash was found.
     """
 
     episodes: int
     qoe3_at_most_percent: float
+    crash_free_at_most_percent: float
     qoe1_at_most_percent: float | None
     schedule_qoe3_percent: float | None
 
     @property
     def gap_percent(self) -> float | None:
-        """The difference between the bound of QoE3 and the schedule, in percent of the schedule."""
+        """The difference between the bound without crashes and the schedule, in percent of this."""
         if not self.schedule_qoe3_percent:
             return None
-        return 100.0 * (self.qoe3_at_most_percent / self.schedule_qoe3_percent - 1.0)
+        return 100.0 * (self.crash_free_at_most_percent / self.schedule_qoe3_percent - 1.0)
 
 
 class BoundedRun:
@@ -80,37 +83,69 @@ class BoundedRun:
         self.paths = [draw(world, seed, episode) for episode in range(episodes)]
         steps = world.scenario.episode.steps
         self.steps = steps * episodes
-        stretch = self.steps if world.scenario.episode.carry_over else steps
+        self.stretch = self.steps if world.scenario.episode.carry_over else steps
+        for kind in _kinds(world):
+            refuse_unbounded(kind, world.step_us, self.stretch)
         if world.scenario.users_stay:
             walks, steps_each = [self.paths[0].walks], 1
         else:
             walks, steps_each = [path.walks for path in self.paths], steps
+        self.kinds = [
+            (kind, shares_of(world, kind, walks, steps_each, on_work)) for kind in _kinds(world)
+        ]
+        self.fleet = self.fleet_with()
+        self.slack = self.fleet.drones * SLACK_US / world.step_us
+        self._prices: Prices | None = None
+
+    def fleet_with(self, toll: float = 0.0, finest: int = 1) -> Fleet:
+        """Return the drones, whose crashes cost ``toll`` (see ``alone_of``)."""
         types = [
             SamePrices(
-                alone_of(kind, world.step_us, stretch),
-                shares_of(world, kind, walks, steps_each, on_work),
-                _starts(world, kind),
+                alone_of(kind, self.world.step_us, self.stretch, toll, finest),
+                shares,
+                _starts(self.world, kind),
             )
-            for kind in _kinds(world)
+            for kind, shares in self.kinds
         ]
-        self.fleet = Fleet(types, stretch)
-        self.slack = self.fleet.drones * SLACK_US / world.step_us
+        return Fleet(types, self.stretch)
 
     def bound(self, schedule: bool = True) -> RunBound:
         """Return the bounds; ``schedule`` says whether to look for a good schedule too."""
         qoe3 = self.qoe3()
+        limited = any(kind.limited for kind, _ in self.kinds)
         same = all(type(own) is Continuous for own in self.world.scenario.demands)
         return RunBound(
             len(self.paths),
             100.0 * qoe3,
+            100.0 * (min(qoe3, self.qoe3(crash_price=None)) if limited else qoe3),
             100.0 * qoe3 if same else self._qoe1_percent(),
-            self.schedule() if schedule and self.may_schedule else None,
+            self.schedule() if schedule else None,
         )
 
-    def qoe3(self) -> float:
-        """Return a bound of QoE3, as a share."""
-        prices = np.full((self.steps, len(self.world.homes)), COVERED_PRICE)
-        left = self.rounds
+    def qoe3(self, crash_price: float | None = 0.0) -> float:
+        """Return a bound of QoE3, as a share, less a price for each crash per drone and episode.
+
+        With ``crash_price=None`` it is a bound for policies whose drones do not crash.
+        """
+        users = len(self.world.homes)
+        each = users * self.world.scenario.episode.steps / self.fleet.drones
+        toll = FORBIDDEN if crash_price is None else crash_price * each
+        start, rounds = np.full((self.steps, users), COVERED_PRICE), self.rounds
+        if self._prices is not None:
+            start, rounds = self._prices, -(-rounds // 2)
+        bound, self._prices = self._lowest(self.fleet_with(toll), start, rounds)
+        fine = self.fleet_with(toll, FINEST)
+        if any(len(one.alone.charge) > len(two.alone.charge) for one, two in self._pairs(fine)):
+            bound = min(bound, self._lowest(fine, self._prices, 1)[0])
+        return min(1.0, bound + self.slack)
+
+    def _pairs(self, fine: Fleet) -> list[tuple[SamePrices, SamePrices]]:
+        """Return each type with fine units of its battery, and with coarse ones."""
+        return list(zip(fine.types, self.fleet.types, strict=True))
+
+    def _lowest(self, fleet: Fleet, prices: Prices, rounds: int) -> tuple[float, Prices]:
+        """Return a bound of QoE3, without the slack for rounding, and the prices that prove it."""
+        left = rounds
 
         def go_on(lowest: float) -> bool:
             nonlocal left
@@ -118,8 +153,7 @@ class BoundedRun:
             self.on_work()
             return left > 0
 
-        bound = lowest_bound(Covered(), self.fleet, prices, go_on)
-        return min(1.0, bound + self.slack)
+        return lowest_bound(Covered(), fleet, prices, go_on)
 
     def qoe1(self) -> float | None:
         """Return a bound of QoE1, as a share, or None if there are no requests.
@@ -138,7 +172,7 @@ class BoundedRun:
             self.on_work()
             return rounds < self.rounds and (rounds < TRIED or lowest < 1.0)
 
-        bound = lowest_bound(Served(chains), self.fleet, prices, go_on)
+        bound, _ = lowest_bound(Served(chains), self.fleet, prices, go_on)
         # Each request may be served for a little longer in each step of its episode.
         longer = self.slack * self.world.scenario.episode.steps
         return min(1.0, bound + longer / float(chains.required.min()))
@@ -147,22 +181,20 @@ class BoundedRun:
         share = self.qoe1()
         return None if share is None else 100.0 * share
 
-    @property
-    def may_schedule(self) -> bool:
-        """Whether a schedule can be made: drones of one type, whose charge is known exactly."""
-        kind, *others = _kinds(self.world)
-        return not others and (not kind.limited or drain_of(kind, self.world.step_us).exact)
+    def schedule(self, turns: int = TURNS) -> float | None:
+        """Return the QoE3, in percent, of a schedule that knows the sample paths.
 
-    def schedule(self, turns: int = TURNS) -> float:
-        """Return the QoE3, in percent, of a schedule that knows the sample paths."""
-        stretch, reached = self.fleet.steps, []
-        episodes = stretch // self.world.scenario.episode.steps
-        for number in range(self.steps // stretch):
-            (own,) = self.fleet.types
-            team = TeamSchedule(self.world, own.alone, own.shares, number * stretch, stretch)
+        It is None if a drone of the schedule crashes, because no station is near enough.
+        """
+        reached: list[float] = []
+        crashes = 0
+        episodes = self.stretch // self.world.scenario.episode.steps
+        for number in range(self.steps // self.stretch):
+            team = TeamSchedule(self.world, self.kinds, number * self.stretch, self.stretch)
             team.improve(turns, self.on_work)
-            reached += team.play(self.paths[number * episodes : (number + 1) * episodes])
-        return float(np.mean(reached))
+            played = team.play(self.paths[number * episodes : (number + 1) * episodes])
+            reached, crashes = reached + played[0], crashes + played[1]
+        return None if crashes else float(np.mean(reached))
 
 
 def _kinds(world: World) -> Sequence[DroneType]:

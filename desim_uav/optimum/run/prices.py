@@ -86,8 +86,8 @@ def lowest_bound(
     fleet: Fleet,
     prices: Prices,
     on_round: Callable[[float], bool],
-) -> float:
-    """Return the lowest bound that is found, beginning with some prices.
+) -> tuple[float, Prices]:
+    """Return the lowest bound that is found, beginning with some prices, and its own prices.
 
     ``on_round`` gets the lowest bound so far, and returns whether to go on.
     """
@@ -110,7 +110,7 @@ def lowest_bound(
             step = (trial.bound - lowest + gap) / length
             prices = np.clip(prices - step * direction, 0.0, measure.most)
         going = on_round(lowest)
-    return lowest
+    return lowest, best
 
 
 def _best_plans(fleet: Fleet, prices: Prices) -> tuple[float, Prices]:
