@@ -15,6 +15,7 @@ from tests.engine.test_task_logs import (
     ANEW,
     BOTH,
     HERE,
+    MIDDLE,
     NO_BITS,
     NOWHERE,
     PLAIN,
@@ -23,7 +24,9 @@ from tests.engine.test_task_logs import (
     THERE,
     ends_s,
     log_of,
+    mast,
     of_user,
+    over_station,
     served,
     task,
     world_of,
@@ -120,3 +123,62 @@ def test_a_held_rate_has_to_fit_both_backhauls() -> None:
     log = log_of(world, asks, walks={0: OVER})
     assert ends_s(log) == {0: 16.0, 1: 15.0, 2: 18.0}
     assert [event[0] / US for event in seen(log, "serve") if event[3] == 1] == [14.0]
+
+
+# ---- a site crashes
+
+
+def sent_as_its_site_falls(
+    asks: dict[int, list[Ask]], uplink_mhz: float | None, sharing: str, **terms: Any
+) -> EpisodeLog:
+    """An episode of a drone in the middle, which falls at 93 s, and of a mast.
+
+    User 0 is below the mast, and user 1 comes there from the drone at 92.5 s.
+    """
+    own_radio = {"radio": RADIO | {"uplink_mhz": uplink_mhz, "sharing": sharing}}
+    joined = own_radio | {"backhaul": {"kbps": 5000}}
+    services = {name: NO_BITS | own | terms for name, own in SERVICES.items()}
+    world = over_station(
+        *(2, 2, {}, [mast() | joined]),
+        changes={"drones": joined, "services": services},
+        **{"autonomy_min": 1.55, "on_crash": "remove"},
+    )
+    away = [(92.0, *NOWHERE, 0.0, 0.0), (92.5, *THERE, 0.0, 0.0)]
+    walks = {0: [(0.0, *THERE, 0.0, 0.0)], 1: [(0.0, *MIDDLE, 0.0, 0.0), *away]}
+    return log_of(world, asks, walks=walks)
+
+
+@pytest.mark.parametrize(("uplink_mhz", "ends"), [(None, (95.25, 101)), (1, (94.25, 100))])
+def test_others_share_what_a_result_has_had_that_is_lost(
+    uplink_mhz: float | None, ends: tuple[float, float]
+) -> None:
+    """The result of user 1 comes over the mast from 92.5 s on, until its site falls at 93 s.
+
+    The result of user 0 has the band there from 91 s on, half of it from 92.5 s on, and 1.25 Mbit
+    of it are left at 93 s. User 1 sends 1 Mbit again then. In a band of its own this takes until
+    94 s, and the result has all of the other one. If all is in one band, it takes until 95 s, and
+    0.25 Mbit of the result are left. The task of user 1 is computed in 2 s, and returned in 4 s.
+    """
+    asks = {0: [task(88.0, 1.0, 4.0, 3.0)], 1: [task(85.0, 1.0, 4.0, 4.0)]}
+    log = sent_as_its_site_falls(asks, uplink_mhz, "equal")
+    assert of_user(log, 1).restarts == 1
+    assert ends_s(log) == {0: ends[0], 1: ends[1]}
+
+
+@pytest.mark.parametrize(("uplink_mhz", "ends"), [(None, (95, 100.5)), (1, (94, 100.5))])
+def test_others_hold_what_a_result_has_held_that_is_lost(
+    uplink_mhz: float | None, ends: tuple[float, float]
+) -> None:
+    """Each rate is 600 kbit/s of 1 MHz. The result of user 0 is ready at 92.7 s, and waits.
+
+    The one of user 1 is lost at 93 s. User 1 sends its input again from then to 94 s, and that
+    of user 0 has waited for less time. With a band for each, the result of 0.6 Mbit comes at once.
+    """
+    rate = (600_000,)
+    asks = {
+        0: [(*task(90.2, 0.6, 3.0, 0.6), *rate)],
+        1: [(*task(85.0, 0.6, 3.0, 3.0), *rate)],
+    }
+    log = sent_as_its_site_falls(asks, uplink_mhz, "held", bandwidth_kbps=[600])
+    assert of_user(log, 1).restarts == 1
+    assert ends_s(log) == {0: ends[0], 1: ends[1]}
