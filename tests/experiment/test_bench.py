@@ -98,6 +98,15 @@ def test_references_and_bounds_are_kept_for_runs_of_the_protocol_only():
     assert compute(find_task("uav-v1/urban"), TRACKS["one"], 100) == {}
 
 
+@pytest.mark.thorough
+def test_every_reference_of_a_task_with_a_proof_has_its_bound():
+    references, bounds = (kept(name, bench_folder()) for name in (REFERENCES, BOUNDS))
+    bounded = {key[:3] for key in bounds}
+    for task, track, seed in {key[:3] for key in references}:
+        if has_bound(find_task(task), TRACKS[track]):
+            assert (task, track, seed) in bounded
+
+
 def test_the_list(cli):
     assert "uav-v1/dispatch/large" in cli("bench", "list").out
     found = cli("bench", "list", "--json").json

@@ -73,13 +73,19 @@ def complete(
     """
     folder = folder_of(tracks[0])
     values = {name: dict(kept(name, folder)) for name in (REFERENCES, BOUNDS)}
-    there = {key[:3] for key in values[REFERENCES]}
+    there = {name: {key[:3] for key in of} for name, of in values.items()}
+
+    def lacks(task: Task, track: BenchTrack, seed: int) -> bool:
+        run = task.name, track.name, seed
+        proven = run in there[BOUNDS] or not bounds.has_bound(task, track)
+        return run not in there[REFERENCES] or not proven
+
     work = [
         (task, track, seed)
         for task in chosen
         for track in tracks
         for seed in track.seeds[:seeds]
-        if anew or (task.name, track.name, seed) not in there
+        if anew or lacks(task, track, seed)
     ]
     left = len(work)
     try:
