@@ -1,0 +1,127 @@
+"""The dispatcher: its commands, its training, and the files and worlds that it takes."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import desim_uav as du
+from desim_uav import array_file
+from desim_uav.errors import PolicyError
+from desim_uav.experiment.bench.tasks import find_task
+from desim_uav.policies import load_policy
+from desim_uav.policies.base import parts
+from desim_uav.policies.dispatcher import FORMAT, WEIGHTS, Dispatcher, problem_of, to_bytes
+from desim_uav.scenario.load import load
+from desim_uav.shipped import find_table
+from desim_uav.world import World, build_world
+
+ROOT = Path(__file__).parents[2]
+TASK = find_task("uav-v1/dispatch/small").path
+
+
+def world(**changes: str) -> World:
+    return build_world(load(TASK, [f"{key}={value}" for key, value in changes.items()]), 0)
+
+
+def begun(**weights: float) -> Dispatcher:
+    policy = Dispatcher(weights=np.array([*(WEIGHTS | weights).values()]))
+    policy.begin(world(), None)  # type: ignore[arg-type]  # it draws nothing
+    return policy
+
+
+def test_the_best_place_covers_the_users_and_costs_battery() -> None:
+    """Five users are worth more than none here; a drone that is nearly empty flies home."""
+    policy, here_m = begun(slow=0.0, cost=0.0, stay=0.0), np.array([1000.0, 1000.0])
+    five_m = np.array([[1500.0, 1500.0]]) + 50.0 * np.array(
+        [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]]
+    )
+    place_m = policy._place(here_m, five_m, np.ones(5), charge=1.0)
+    assert np.hypot(*(place_m - [1500.0, 1500.0])) < 300.0
+    assert policy._covers(place_m[None], five_m).tolist() == [[1.0] * 5]
+    home_m = policy._place(here_m, five_m, np.ones(5), charge=0.02)
+    assert home_m.tolist() in policy._stations.tolist()
+
+
+def test_what_a_place_takes_is_no_less_than_the_flight_and_the_hover_after_it() -> None:
+    policy = begun()
+    assert (np.diff(policy._takes) >= 0).all()
+    hover_s = world().facts.capacity_s or 0.0
+    assert policy._takes[0] == pytest.approx(30.0 / hover_s, rel=1e-3)
+
+
+@pytest.mark.thorough
+def test_no_drone_crashes_and_both_engines_fly_alike() -> None:
+    """From 30 minutes on a battery of 28 minutes would be empty."""
+    same: dict[str, Any] = {"policy": "dispatch.npz", "seeds": [7_000_001], "world_seed": 0}
+    fast, readable = (du.run(TASK, **same, episodes=3, engine=one) for one in ("batch", "des"))
+    assert fast.episodes["crashes"].sum() == 0
+    assert fast.steps.equals(readable.steps) and fast.requests.equals(readable.requests)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("drones.motion.reach", "step"),
+        ("drones.battery.kind", "unlimited"),
+        ("wind_mps", "[1, 0]"),
+    ],
+)
+def test_worlds_it_cannot_fly_in_are_refused(key: str, value: str) -> None:
+    changes = {key: value}
+    if "battery" in key:
+        changes = {"drones.battery": "null"}
+    policy = Dispatcher(weights=np.array([*WEIGHTS.values()]))
+    other = world(**changes)
+    assert problem_of(other)
+    with pytest.raises(PolicyError, match="must"):
+        policy.begin(other, None)  # type: ignore[arg-type]
+
+
+def test_files_are_known_by_their_array_and_checked(tmp_path: Path) -> None:
+    file = tmp_path / "own.npz"
+    file.write_bytes(to_bytes(np.array([*WEIGHTS.values()]), {}))
+    assert parts(str(file)) == ("dispatcher", str(file))
+    assert load_policy(str(file)).weights == WEIGHTS  # type: ignore[attr-defined]
+    bad = [np.full(len(WEIGHTS), np.nan), np.zeros(3), np.zeros(len(WEIGHTS), np.float32)]
+    for array, words in zip(bad, ("not finite", "numbers", "float64"), strict=True):
+        about = {"format": FORMAT, "weights": [*WEIGHTS]}
+        file.write_bytes(array_file.pack(about, dispatch=array))
+        with pytest.raises(PolicyError, match=words):
+            load_policy(str(file))
+    file.write_bytes(array_file.pack({"format": FORMAT, "weights": []}, dispatch=bad[1]))
+    with pytest.raises(PolicyError, match="its weights must be wait, age"):
+        load_policy(str(file))
+    assert find_table("dispatch.npz").stat().st_size < 200_000
+
+
+@pytest.fixture(scope="module")
+def trainer() -> Any:
+    spec = importlib.util.spec_from_file_location("dispatch_script", ROOT / "policies/dispatch.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.thorough
+def test_a_training_is_the_same_again_and_keeps_to_its_steps(trainer: Any, tmp_path: Path) -> None:
+    contents = []
+    for name in ("one.npz", "two.npz"):
+        asked = ["--population", "4", "--episodes", "1", "--steps", "1500", "--out"]
+        assert trainer.main([str(TASK), *asked, str(tmp_path / name)]) == 0
+        contents.append(load_policy(str(tmp_path / name)).weights)  # type: ignore[attr-defined]
+    assert contents[0] == contents[1] != WEIGHTS
+
+
+@pytest.mark.parametrize("asked", [["case8"], [str(TASK), "--population", "3"]])
+def test_what_cannot_be_trained_ends_with_code_2(
+    trainer: Any, tmp_path: Path, asked: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert trainer.main([*asked, "--out", str(tmp_path / "none.npz")]) == 2
+    assert "must be" in capsys.readouterr().err
+    assert not (tmp_path / "none.npz").exists()
