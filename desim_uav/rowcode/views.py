@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from desim_uav.rowcode.packing import fitting, located, packed, words_for
 from desim_uav.rowcode.rows import (
+    BYTES,
     FORMATS,
     Int16,
     Int32,
@@ -124,9 +125,11 @@ def _view_class(of: type[Row]) -> Any:
 def _narrow(cls: type[Row], name: str) -> property:
     """Return the property of a number of few bytes, which refuses one that does not fit."""
     kind, own = cls.kinds[name], f"_{name}"
+    limit = 1 << (8 * BYTES[kind] - 1)
 
     def write(view: Any, value: int) -> None:
-        fitting(kind, value)
+        if not -limit <= value < limit:
+            fitting(kind, value)
         setattr(view, own, value)
 
     return property(attrgetter(own), write)

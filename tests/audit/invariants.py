@@ -297,7 +297,7 @@ def _work(world: Constants, state: State, user: User) -> None:
     times_us += request.done if stages[request.stage].timed else 0
     assert times_us <= request.served_us, "more time is done than served"
     lost = state.keeps_tasks and (
-        state.tasks[request.user].restarts > 0 or world.terms[request.service].restarts
+        state.tasks[user.index].restarts > 0 or world.terms[request.service].restarts
     )
     if all(one.timed for one in stages[: request.stage + 1]) and not lost:
         assert times_us == request.served_us, "time served is not what is done"
