@@ -1,17 +1,15 @@
 """Checks the simulator against theory and independent programs, and prints tables of the results.
 
-python analysis/verification.py [--quick] [--write FOLDER] [PART…]
+python analysis/verification.py [--quick] [--markdown FILE] [PART…]
 
 Each row has the simulator's figure, that of theory or an independent program, their difference, the
 largest allowed difference, and the number of cases or independent replications. The limit is a
 tolerance for exact figures and 4 standard errors for estimates. Without --quick there are more
-replications, which takes some minutes. With --write each part becomes a CSV file in FOLDER; the
-documentation shows those of analysis/verified. The exit code is 6 if a figure does not hold. The
-script needs a checkout and pip install -e ".[test]".
+replications, which takes some minutes. The exit code is 6 if a figure does not hold. The script
+needs a checkout and pip install -e ".[test]".
 """
 
 import argparse
-import csv
 import platform
 import sys
 from collections.abc import Iterator
@@ -22,7 +20,6 @@ from pathlib import Path
 
 from desim_uav.errors import DesimError, MissingExtraError, UsageError
 from desim_uav.experiment.progress import progress
-from desim_uav.experiment.provenance import processor
 
 PARTS = (
     *("transit", "crossings", "planning", "queueing", "tasks", "ages", "demand"),
@@ -43,14 +40,14 @@ def main() -> int:
         for part in told.parts:
             about, rows = examined(part, told.quick)
             tables.append(f"### {about}\n\n{drawn(rows)}\n")
-            if told.write is not None:
-                write(told.write / f"{part}.csv", (about, provenance(part, told.quick)), rows)
             failed += sum(row[-1] != "yes" for row in rows)
             total += len(rows)
             advance()
     print("\n".join(tables))
     said = f"{total - failed} of {total} figures hold"
     print(said, file=sys.stderr)
+    if told.markdown is not None:
+        write(told.markdown, "\n".join((provenance(told), f"{said}.\n", *tables)))
     return DOES_NOT_HOLD if failed else 0
 
 
@@ -62,7 +59,7 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="fewer replications: some two minutes")
     parser.add_argument(
-        "--write", type=Path, metavar="FOLDER", help="also write each part to FOLDER/PART.csv"
+        "--markdown", type=Path, metavar="FILE", help="also write the tables to FILE"
     )
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     told = parser.parse_args()
@@ -103,20 +100,19 @@ def drawn(rows: list[tuple[str, ...]]) -> str:
     )
 
 
-def provenance(part: str, quick: bool) -> str:
-    """Return the command, the date, the processor and the versions."""
-    command = " ".join(["python analysis/verification.py", *["--quick"] * quick, part])
+def provenance(told: argparse.Namespace) -> str:
+    """Return the command, the date and the versions."""
+    options = ["--quick"] * told.quick + list(told.parts if told.parts != PARTS else ())
+    command = " ".join(["python analysis/verification.py", *options])
     packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
     today = datetime.now(UTC).date().isoformat()
-    return f"{command}, {today}, {processor()}, Python {platform.python_version()}, {packages}"
+    return f"`{command}`, {today}, Python {platform.python_version()}, {packages}\n"
 
 
-def write(file: Path, comments: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-    """Write a part below lines of comments. Raises UsageError if the file cannot be written."""
+def write(file: Path, text: str) -> None:
+    """Write a file. Raises UsageError if it cannot be written."""
     try:
-        with file.open("w", encoding="utf-8", newline="") as opened:
-            opened.writelines(f"# {comment}\n" for comment in comments)
-            csv.writer(opened, lineterminator="\n").writerows([("figure", *COLUMNS[1:]), *rows])
+        file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise UsageError(f"cannot write {file}: {error.strerror or error}") from error
 

@@ -1,6 +1,5 @@
 """The table of all checks is drawn, and a wrong figure or a test that sees nothing is noticed."""
 
-import importlib
 import re
 import runpy
 import sys
@@ -14,8 +13,6 @@ from tests.verification import placement, planning, transit
 from tests.verification.figure import Estimate, Exact
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "docs" / "_ext"))
-verified = importlib.import_module("verified")
 SCRIPT = str(ROOT / "analysis" / "verification.py")
 
 
@@ -45,7 +42,8 @@ def last(text):
 
 
 def test_a_table_a_part(ask, tmp_path):
-    code, out, err = ask("--quick", "--write", tmp_path, "transit", "streams")
+    file = tmp_path / "checks.md"
+    code, out, err = ask("--quick", "--markdown", file, "transit", "streams")
     assert (code, last(err)) == (0, f"{len(rows(out))} of {len(rows(out))} figures hold")
     assert re.findall("^### .*", out, re.MULTILINE) == [
         "### Transits against their closed forms",
@@ -54,10 +52,9 @@ def test_a_table_a_part(ask, tmp_path):
     first = rows(out)[0]
     assert first[0] == "240 m in minimum time, s" and float(first[1]) == 30.990662650602406
     assert all(len(row) == 7 and row[-1] == "yes" for row in rows(out))
-    transits, streams = (verified.part(tmp_path / f"{name}.csv") for name in ("transit", "streams"))
-    assert [*transits.rows, *streams.rows] == rows(out)
-    assert streams.title == re.findall("^### (.*)", out, re.MULTILINE)[1]
-    assert streams.origin.startswith("python analysis/verification.py --quick streams, 20")
+    written = file.read_text(encoding="utf-8")
+    assert rows(written) == rows(out)
+    assert "`python analysis/verification.py --quick transit streams`" in written
 
 
 @pytest.mark.slow
@@ -105,7 +102,7 @@ def test_a_part_that_fails_does_not_hold(ask, monkeypatch):
 def test_usage(ask, tmp_path):
     code, out, err = ask("transits")
     assert (code, out) == (2, "") and "no such part: transits" in err
-    code, _, err = ask("--write", tmp_path / "no", "transit")
+    code, _, err = ask("--markdown", tmp_path / "no" / "file.md", "transit")
     assert code == 2 and "verification.py: cannot write" in err
 
 
@@ -138,19 +135,17 @@ class TestMutations:
             for test in mutated.tests:
                 assert both not in (ROOT / "tests" / test).read_text(encoding="utf-8"), test
 
-    def test_what_is_not_noticed_is_said(self, monkeypatch, capsys, tmp_path):
+    def test_what_is_not_noticed_is_said(self, monkeypatch, capsys):
         first = MUTATIONS[0]
         failures = iter(["", "", "test_x.py::test_y"])
         monkeypatch.setattr(mutation, "MUTATIONS", (first, MUTATIONS[1]))
         monkeypatch.setattr(mutation, "_copy", lambda tree: copied(tree, MUTATIONS[:2]))
         monkeypatch.setattr(mutation, "_first_failure", lambda *_: next(failures))
-        file = tmp_path / "mutations.csv"
-        monkeypatch.setattr(sys, "argv", ["mutation.py", "--csv", str(file)])
+        monkeypatch.setattr(sys, "argv", ["mutation.py"])
         assert mutation.main() == 6
         out, err = capsys.readouterr()
-        assert [row[2] for row in rows(out)[1:]] == ["NOT NOTICED", "test_x.py::test_y"]
+        assert [row[2] for row in rows(out)[1:]] == ["NOT NOTICED", "`test_x.py::test_y`"]
         assert "1 of 2 noticed" in err
-        assert verified.records(file) == rows(out)[1:]
 
 
 def copied(tree, mutations):
@@ -160,18 +155,10 @@ def copied(tree, mutations):
         file.write_bytes((ROOT / "desim_uav" / mutated.file).read_bytes())
 
 
-def test_the_documentation_has_every_figure_and_mutation():
-    mutations = verified.records(verified.FOLDER / "mutations.csv")
-    assert {(m.what, m.file) for m in MUTATIONS} <= {tuple(row[:2]) for row in mutations}
-    assert "NOT NOTICED" not in {row[2] for row in mutations}
-    parts = {file.stem: verified.part(file) for file in verified.files()}
-    assert {row[-1] for part in parts.values() for row in part.rows} == {"yes"}
-    assert {figure.what for figure in transit.figures()} == {
-        row[0] for row in parts["transit"].rows
-    }
-    text = verified.figures() + verified.mutations()
-    shown = {tuple(row) for row in rows(text)}
-    assert {row[0].replace("|", "\\|") for part in parts.values() for row in part.rows} <= {
-        row[0] for row in shown
-    }
-    assert {m.what for m in MUTATIONS} <= {row[0] for row in shown}
+def test_the_document_has_every_figure_and_mutation():
+    document = (ROOT / "docs" / "verification.md").read_text(encoding="utf-8")
+    said = rows(document)
+    files = {tuple(row[:2]) for row in said}
+    assert {(m.what, f"`{m.file}`") for m in MUTATIONS} <= files
+    assert not [row for row in said if "NO" in row or "NOT NOTICED" in row]
+    assert {figure.what for figure in transit.figures()} <= {row[0] for row in said}

@@ -2,9 +2,8 @@
 
 They stand in ``_generated``: the commands (from typer), the keys of a scenario (from the JSON
 Schema), the columns of the tables (from ``desim_uav.records``), the measures (from
-``desim_uav.measures.known``), the table of the paper (from what ``desim-uav reproduce`` has left
-in ``analysis/paper``), and the figures of the verification (from ``analysis/verified``). The pages
-include them.
+``desim_uav.measures.known``), and the table of the paper (from what ``desim-uav reproduce`` has
+left in ``analysis/paper``). The pages include them.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ import measures
 import paper
 import scenario_keys
 import tables
-import verified
 
 PARTS = {
     "commands.md": commands.markdown,
@@ -30,8 +28,6 @@ PARTS = {
     "paper_table.md": paper.default_table,
     "paper_preset.md": paper.paper_table,
     "claims.md": paper.claims,
-    "verified.md": verified.figures,
-    "mutations.md": verified.mutations,
 }
 
 
