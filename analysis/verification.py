@@ -1,15 +1,18 @@
 """Checks the simulator against theory and independent programs, and prints tables of the results.
 
-python analysis/verification.py [--quick] [--markdown FILE] [PART…]
+python analysis/verification.py [--quick] [--data FOLDER] [PART…]
 
 Each row has the simulator's figure, that of theory or an independent program, their difference, the
 largest allowed difference, and the number of cases or independent replications. The limit is a
 tolerance for exact figures and 4 standard errors for estimates. Without --quick there are more
-replications, which takes some minutes. The exit code is 6 if a figure does not hold. The script
+replications, which takes some minutes. --data writes PART.json for each part: its rows, command,
+date, processor and versions. ``docs/_data/verification`` has the files from which the documentation
+makes its tables. The exit code is 6 if a figure does not hold. The script
 needs a checkout and pip install -e ".[test]".
 """
 
 import argparse
+import json
 import platform
 import sys
 from collections.abc import Iterator
@@ -20,6 +23,7 @@ from pathlib import Path
 
 from desim_uav.errors import DesimError, MissingExtraError, UsageError
 from desim_uav.experiment.progress import progress
+from desim_uav.experiment.provenance import processor
 
 PARTS = (
     *("transit", "crossings", "planning", "queueing", "tasks", "ages", "demand"),
@@ -36,18 +40,18 @@ def main() -> int:
     """Print the tables and return the exit code."""
     told = arguments()
     tables, failed, total = [], 0, 0
+    made_by = provenance(told)
     with progress(True, len(told.parts), "parts") as advance:
         for part in told.parts:
             about, rows = examined(part, told.quick)
             tables.append(f"### {about}\n\n{drawn(rows)}\n")
             failed += sum(row[-1] != "yes" for row in rows)
             total += len(rows)
+            if told.data is not None:
+                write(told.data / f"{part}.json", as_json({"about": about, **made_by}, rows))
             advance()
     print("\n".join(tables))
-    said = f"{total - failed} of {total} figures hold"
-    print(said, file=sys.stderr)
-    if told.markdown is not None:
-        write(told.markdown, "\n".join((provenance(told), f"{said}.\n", *tables)))
+    print(f"{total - failed} of {total} figures hold", file=sys.stderr)
     return DOES_NOT_HOLD if failed else 0
 
 
@@ -59,7 +63,7 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--quick", action="store_true", help="fewer replications: some two minutes")
     parser.add_argument(
-        "--markdown", type=Path, metavar="FILE", help="also write the tables to FILE"
+        "--data", type=Path, metavar="FOLDER", help="also write PART.json for each part to FOLDER"
     )
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     told = parser.parse_args()
@@ -100,19 +104,39 @@ def drawn(rows: list[tuple[str, ...]]) -> str:
     )
 
 
-def provenance(told: argparse.Namespace) -> str:
-    """Return the command, the date and the versions."""
+def provenance(told: argparse.Namespace) -> dict[str, str]:
+    """Return the command, the date, the processor and the versions."""
     options = ["--quick"] * told.quick + list(told.parts if told.parts != PARTS else ())
-    command = " ".join(["python analysis/verification.py", *options])
-    packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
-    today = datetime.now(UTC).date().isoformat()
-    return f"`{command}`, {today}, Python {platform.python_version()}, {packages}\n"
+    return {
+        "command": " ".join(["python analysis/verification.py", *options]),
+        "date": datetime.now(UTC).date().isoformat(),
+        "processor": processor(),
+        "versions": ", ".join(
+            (
+                f"Python {platform.python_version()}",
+                *(f"{name} {version(name)}" for name in PACKAGES),
+            )
+        ),
+    }
 
 
-def write(file: Path, text: str) -> None:
+def as_json(head: dict[str, str], rows: list[tuple[str, ...]]) -> str:
+    """Return the file of a part: an object whose rows stand in a line each."""
+    keys = "".join(f" {text(key)}: {text(value)},\n" for key, value in head.items())
+    lines = ",\n".join(f"  {text(row)}" for row in rows)
+    return f'{{\n{keys} "rows": [\n{lines}\n ]\n}}\n'
+
+
+def text(value: object) -> str:
+    """Return a value as JSON in one line."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def write(file: Path, content: str) -> None:
     """Write a file. Raises UsageError if it cannot be written."""
     try:
-        file.write_text(text, encoding="utf-8")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(content, encoding="utf-8")
     except OSError as error:
         raise UsageError(f"cannot write {file}: {error.strerror or error}") from error
 

@@ -1,6 +1,6 @@
 """Would the tests notice an error? Makes one error at a time in the simulator and runs tests.
 
-python tests/mutation.py [--only TEXT] [--list] [--markdown FILE]
+python tests/mutation.py [--only TEXT] [--list] [--csv FILE]
 
 Each error is made in a copy of the source tree, in which the named tests have passed before. The
 first test that fails has noticed it. None of these tests compares the two engines with each other,
@@ -14,6 +14,7 @@ unchanged tree.
 from __future__ import annotations
 
 import argparse
+import csv
 import os
 import re
 import shutil
@@ -28,6 +29,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 COPIED = ("desim_uav", "scenarios", "policies", "tests", "analysis", "pyproject.toml", "README.md")
 NOT_NOTICED = 6
+COLUMNS = ("error", "file in `desim_uav/`", "noticed by", "seconds")
 
 
 @dataclass(frozen=True)
@@ -811,11 +813,11 @@ def main() -> int:
         if not _passes(tree, chosen):
             return 1
         rows = list(_rows(tree, chosen))
-    table = ["| error | file in `desim_uav/` | noticed by | seconds |", "| --- | --- | --- | --- |"]
-    table += [f"| {' | '.join(row)} |" for row in rows]
+    table = [f"| {' | '.join(row)} |" for row in (COLUMNS, ["---"] * len(COLUMNS), *rows)]
     print(*table, sep="\n")
-    if options.markdown is not None:
-        options.markdown.write_text("\n".join(table) + "\n", encoding="utf-8")
+    if options.csv is not None:
+        with options.csv.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
     missed = sum(noticed == "NOT NOTICED" for _, _, noticed, _ in rows)
     print(f"{len(rows) - missed} of {len(rows)} noticed", file=sys.stderr)
     return NOT_NOTICED if missed else 0
@@ -830,9 +832,7 @@ def _arguments() -> argparse.Namespace:
         "--only", default="", metavar="TEXT", help="only errors whose name contains TEXT"
     )
     parser.add_argument("--list", action="store_true", help="only list the errors")
-    parser.add_argument(
-        "--markdown", type=Path, metavar="FILE", help="also write the table to FILE"
-    )
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="also write the table to FILE")
     return parser.parse_args()
 
 

@@ -183,6 +183,11 @@ def test_pages_are_short(folders: tuple[str, ...], most: int) -> None:
     assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages_there) <= most
 
 
+def test_the_pages_of_the_site_are_short_together() -> None:
+    site = [page for name, page in PAGES.items() if name.startswith("docs/")]
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in site) <= 108_500
+
+
 FOLDERS = ("desim_uav", "tests", "analysis", "benchmarks", "policies", "scenarios", "docs")
 SOURCES = {
     str(file.relative_to(ROOT)): file

@@ -1,5 +1,8 @@
 """The table of all checks is drawn, and a wrong figure or a test that sees nothing is noticed."""
 
+import csv
+import importlib
+import json
 import re
 import runpy
 import sys
@@ -14,6 +17,9 @@ from tests.verification.figure import Estimate, Exact
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = str(ROOT / "analysis" / "verification.py")
+PARTS = runpy.run_path(SCRIPT)["PARTS"]
+PAGE = ROOT / "docs" / "verification.md"
+DATA = ROOT / "docs" / "_data"
 
 
 @pytest.fixture
@@ -36,14 +42,18 @@ def rows(text):
     return [row for row in cells if row[0] and not set(row[0]) <= {"-"}]
 
 
+def data_of(file):
+    """What is in a file of JSON."""
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
 def last(text):
     """The last line of what was said: on a slow machine, lines before it say how far it is."""
     return text.splitlines()[-1]
 
 
 def test_a_table_a_part(ask, tmp_path):
-    file = tmp_path / "checks.md"
-    code, out, err = ask("--quick", "--markdown", file, "transit", "streams")
+    code, out, err = ask("--quick", "--data", tmp_path / "new", "transit", "streams")
     assert (code, last(err)) == (0, f"{len(rows(out))} of {len(rows(out))} figures hold")
     assert re.findall("^### .*", out, re.MULTILINE) == [
         "### Transits against their closed forms",
@@ -52,9 +62,12 @@ def test_a_table_a_part(ask, tmp_path):
     first = rows(out)[0]
     assert first[0] == "240 m in minimum time, s" and float(first[1]) == 30.990662650602406
     assert all(len(row) == 7 and row[-1] == "yes" for row in rows(out))
-    written = file.read_text(encoding="utf-8")
-    assert rows(written) == rows(out)
-    assert "`python analysis/verification.py --quick transit streams`" in written
+    parts = [data_of(tmp_path / "new" / f"{part}.json") for part in ("transit", "streams")]
+    assert [tuple(row) for part in parts for row in part["rows"]] == [*map(tuple, rows(out))]
+    assert parts[0]["about"] == "Transits against their closed forms"
+    for part in parts:
+        assert part["command"] == "python analysis/verification.py --quick transit streams"
+        assert part["versions"].startswith("Python 3.") and part["processor"] and part["date"]
 
 
 @pytest.mark.slow
@@ -102,7 +115,8 @@ def test_a_part_that_fails_does_not_hold(ask, monkeypatch):
 def test_usage(ask, tmp_path):
     code, out, err = ask("transits")
     assert (code, out) == (2, "") and "no such part: transits" in err
-    code, _, err = ask("--markdown", tmp_path / "no" / "file.md", "transit")
+    (tmp_path / "no").touch()
+    code, _, err = ask("--data", tmp_path / "no", "transit")
     assert code == 2 and "verification.py: cannot write" in err
 
 
@@ -155,10 +169,36 @@ def copied(tree, mutations):
         file.write_bytes((ROOT / "desim_uav" / mutated.file).read_bytes())
 
 
-def test_the_document_has_every_figure_and_mutation():
-    document = (ROOT / "docs" / "verification.md").read_text(encoding="utf-8")
-    said = rows(document)
-    files = {tuple(row[:2]) for row in said}
-    assert {(m.what, f"`{m.file}`") for m in MUTATIONS} <= files
-    assert not [row for row in said if "NO" in row or "NOT NOTICED" in row]
-    assert {figure.what for figure in transit.figures()} <= {row[0] for row in said}
+class TestDocument:
+    """The documentation has a table of every part that was run, and every mutation."""
+
+    def test_every_mutation_is_noticed(self):
+        with (DATA / "mutations.csv").open(encoding="utf-8", newline="") as file:
+            headings, *found = csv.reader(file)
+        assert tuple(headings) == mutation.COLUMNS
+        assert {(m.what, f"`{m.file}`") for m in MUTATIONS} == {(row[0], row[1]) for row in found}
+        assert all(re.fullmatch(r"`\S+\.py::.+`", row[2]) for row in found)
+        assert f"All {len(MUTATIONS)} errors" in PAGE.read_text(encoding="utf-8")
+
+    def test_every_figure_holds(self):
+        files = {file.stem: data_of(file) for file in (DATA / "verification").iterdir()}
+        assert files.keys() <= set(PARTS) and set(PARTS) - files.keys() <= {"links"}
+        assert {row[-1] for part in files.values() for row in part["rows"]} == {"yes"}
+        there = {row[0] for row in files["transit"]["rows"]}
+        assert {figure.what for figure in transit.figures()} <= there
+        page = PAGE.read_text(encoding="utf-8")
+        total = sum(len(part["rows"]) for part in files.values())
+        assert f"All {total} figures hold" in page
+        counted = {name: len(part["rows"]) for name, part in files.items()}
+        listed = re.findall(r"^\| `(\w+)` \| .* \| (\d+|-) \|$", page, re.MULTILINE)
+        assert dict(listed) == {part: str(counted.get(part, "-")) for part in PARTS}
+
+    def test_the_page_of_figures_has_the_data(self, monkeypatch):
+        monkeypatch.syspath_prepend(ROOT / "docs" / "_ext")
+        figures = importlib.import_module("figures")
+        shown = rows(figures.verification())
+        for file in (DATA / "verification").iterdir():
+            part = data_of(file)
+            assert f"## {part['about']}\n\n`{part['command']}`" in figures.verification()
+            assert all([cell.replace("|", "\\|") for cell in row] in shown for row in part["rows"])
+        assert len(rows(figures.mutations())) == len(MUTATIONS) + 1

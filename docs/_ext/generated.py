@@ -3,7 +3,8 @@
 They stand in ``_generated``: the commands (from typer), the keys of a scenario (from the JSON
 Schema), the columns of the tables (from ``desim_uav.records``), the measures (from
 ``desim_uav.measures.known``), and the table of the paper (from what ``desim-uav reproduce`` has
-left in ``analysis/paper``). The pages include them.
+left in ``analysis/paper``), and the figures of the verification (from ``docs/_data``). The pages
+include them.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 
 import cases
 import commands
+import figures
 import measures
 import paper
 import scenario_keys
@@ -28,6 +30,9 @@ PARTS = {
     "paper_table.md": paper.default_table,
     "paper_preset.md": paper.paper_table,
     "claims.md": paper.claims,
+    "verification.md": figures.verification,
+    "mutations.md": figures.mutations,
+    "gallery.md": figures.gallery,
 }
 
 

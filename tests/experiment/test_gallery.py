@@ -1,5 +1,7 @@
 """What published papers print, beside what is computed here."""
 
+import importlib.util
+import json
 import math
 import re
 from pathlib import Path
@@ -20,7 +22,7 @@ from desim_uav.experiment.gallery.row import GalleryRow, evaluated
 from desim_uav.model.radio.path_loss import AlHourani
 from tests.command_line import runner
 
-PAGE = Path(__file__).parents[2] / "docs" / "literature.md"
+DOCS = Path(__file__).parents[2] / "docs"
 OPEN = 5
 
 
@@ -31,9 +33,29 @@ def cli_run(capsys, monkeypatch):
 
 def table_of(name):
     """The rows of a paper's table in the documentation: their cells."""
-    text = PAGE.read_text(encoding="utf-8").partition(f"### {name}. ")[2].partition("\n### ")[0]
+    text = figures().gallery().partition(f"## {name}\n")[2].partition("\n## ")[0]
     lines = [line for line in text.splitlines() if line.startswith("| ")]
     return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines[2:]]
+
+
+def figures():
+    """The module that makes the tables of the documentation."""
+    folder = DOCS / "_ext"
+    spec = importlib.util.spec_from_file_location("figures", folder / "figures.py")
+    module = importlib.util.module_from_spec(spec)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        spec.loader.exec_module(module)
+    return module
+
+
+def test_the_documentation_says_how_many_hold_and_what_each_paper_is():
+    found = json.loads((DOCS / "_data" / "gallery.json").read_text(encoding="utf-8"))
+    said = f"{found['hold']} of {found['hold'] + found['fail']} figures hold, {found['open']} are"
+    page = (DOCS / "literature.md").read_text(encoding="utf-8")
+    assert said in page and found["open"] == OPEN
+    assert [paper["name"] for paper in found["papers"]] == list(ENTRIES)
+    assert all(f"\n**{name}.** " in page for name in ENTRIES)
 
 
 @pytest.mark.thorough
@@ -41,6 +63,7 @@ def table_of(name):
 def test_a_paper_holds_and_the_documentation_says_what_is_computed(name):
     (compared,) = work.gallery([name])
     assert compared.rows
+    assert json.loads(json.dumps(compared.content()))["name"] == name
     for row in compared.rows:
         assert row.holds is not False, row
     apart = work.COLUMNS.index("apart")  # rounding errors, which other computers have others of
@@ -123,7 +146,8 @@ class TestComputed:
 class TestCommand:
     def test_table(self, cli_run):
         done = cli_run("gallery", "event_a3")
-        assert (done.code, done.err) == (0, "desim-uav: 3 of 3 figures hold, 0 are open\n")
+        said = done.err.splitlines()[-1]  # before it, if nothing is compiled yet, a note on that
+        assert (done.code, said) == (0, "desim-uav: 3 of 3 figures hold, 0 are open")
         assert "272.9002" in done.out and "Al-Hourani" not in done.out
 
     def test_json(self, cli_run):

@@ -28,12 +28,12 @@ class GalleryRow:
     @property
     def apart(self) -> float:
         """The absolute difference of the two figures."""
-        return abs(self.ours - self.theirs)
+        return float(abs(self.ours - self.theirs))
 
     @property
     def holds(self) -> bool | None:
         """Whether the difference is within the limit (not if it is NaN); None without a limit."""
-        return None if self.limit is None else self.apart <= self.limit
+        return None if self.limit is None else bool(self.apart <= self.limit)
 
     def content(self) -> dict[str, Any]:
         """Return the row as plain values."""
