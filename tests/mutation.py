@@ -213,8 +213,8 @@ MUTATIONS = (
     Mutation(
         "a stage begins with what was done in the one before",
         "rules/stages.py",
-        "amount, 0, 0\n",
-        "amount, request.done, 0\n",
+        "request.done = amount, 0\n",
+        "request.done = amount, request.done\n",
         ("engine/test_stages.py",),
     ),
     Mutation(
