@@ -211,8 +211,8 @@ MUTATIONS = (
     Mutation(
         "a stage begins with what was done in the one before",
         "rules/stages.py",
-        "amount, 0, 0\n",
-        "amount, request.done, 0\n",
+        "request.required, request.done = amount, 0\n",
+        "request.required = amount\n",
         ("engine/test_stages.py",),
     ),
     Mutation(
