@@ -62,7 +62,7 @@ class TermTooMany(RowReward):
 
 @rule
 def helped(state: Any, at: int) -> float:
-    return float(state.users[at].request.user)  # here
+    return float(state.users[at].request.number)  # here
 
 
 @dataclass(frozen=True)

@@ -200,7 +200,8 @@ def test_shipped_tables_are_found_by_name(tmp_path: Path, monkeypatch: pytest.Mo
     assert find_table("./none.npz") == Path("none.npz")
 
 
-TABLES = [name for name in trained_names() if "ppo_" not in name and not name.startswith("expert_")]
+OTHERS = ("ppo_", "mappo_", "expert_", "dispatch.")
+TABLES = [name for name in trained_names() if not name.startswith(OTHERS)]
 
 VARIANTS = {f"edge_{kind}.npz": ("edge", [f"offloading={kind}"]) for kind in ("always", "shortest")}
 """The scenarios, and what is overridden in them, of tables that do not have a scenario's name."""
