@@ -19,8 +19,8 @@ from desim_uav import escaped
 from desim_uav.disk import write_at
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench import profile
-from desim_uav.experiment.bench.board import board
-from desim_uav.experiment.bench.score import Interval, Pairing, interquartile_mean, paired
+from desim_uav.experiment.bench.board import board, cell_of, number_of
+from desim_uav.experiment.bench.score import Pairing, interquartile_mean, paired
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import FAMILIES, Task, find_task
 from desim_uav.measures.known import KNOWN
@@ -179,7 +179,7 @@ def _of_several(table: Table) -> str:
     lines = [
         [
             escaped.markdown(row["policy"]),
-            _cell(row["score"], 3),
+            cell_of(row["score"], 3),
             *(f"{100 * share:.0f} %" for share in row["profile"].values()),
         ]
         for row in every
@@ -242,24 +242,24 @@ def _section(table: Table, submissions: Sequence[Submission]) -> str:
 def _scores(row: Table, measures: Sequence[str]) -> list[str]:
     return [
         _name(row),
-        _cell(row["score"], 3),
-        _cell(row["to_best"], 3),
-        *(_cell(row[name], 2) for name in ("better_than_best", "better_than_reference")),
-        *(_cell(row[name], 2) for name in measures),
-        _number(row["crashes_per_drone_episode"], 3),
+        cell_of(row["score"], 3),
+        cell_of(row["to_best"], 3),
+        *(cell_of(row[name], 2) for name in ("better_than_best", "better_than_reference")),
+        *(cell_of(row[name], 2) for name in measures),
+        number_of(row["crashes_per_drone_episode"], 3),
     ]
 
 
 def _others(row: Table) -> list[str]:
     return [
         _name(row),
-        _number(row["fairness"], 3),
-        _number(row["worst_tenth_qoe1_percent"], 1),
-        _number(row["j_per_mbit"], 1),
-        _number(row["decision_ms"], 2),
+        number_of(row["fairness"], 3),
+        number_of(row["worst_tenth_qoe1_percent"], 1),
+        number_of(row["j_per_mbit"], 1),
+        number_of(row["decision_ms"], 2),
         escaped.markdown(row["information"]),
         row["checked"],
-        _number(row["trainings"], 0),
+        number_of(row["trainings"], 0),
         str(row["seeds"]),
     ]
 
@@ -269,7 +269,7 @@ def _neighbours(rows: Sequence[Table]) -> Iterable[list[str]]:
     for one, other in pairwise(scored):
         pairing = _pair(one, other)
         if pairing is not None:
-            cells = (_cell(pairing.difference, 3), _cell(pairing.improvement, 2))
+            cells = (cell_of(pairing.difference, 3), cell_of(pairing.improvement, 2))
             yield [_name(one), _name(other), *cells]
 
 
@@ -288,25 +288,12 @@ def _trainings(table: Table, submissions: Sequence[Submission]) -> Iterable[list
         for digest, scores in zip(digests, row["scores"], strict=True):
             number = [one.decisions_sha256 for one in about.trainings].index(digest)
             score = interquartile_mean([scores])
-            yield [_name(row), str(number), _cell(score, 3), f"`{digest[:12]}`"]
+            yield [_name(row), str(number), cell_of(score, 3), f"`{digest[:12]}`"]
 
 
 def _name(row: Table) -> str:
     mark = " (knows the future)" if row["knows_future"] else ""
     return f"{escaped.markdown(row['policy'])}{mark}"
-
-
-def _cell(interval: Interval | None, digits: int) -> str:
-    if interval is None:
-        return "-"
-    value = f"{interval.value:.{digits}f}"
-    if interval.low is None or interval.high is None:
-        return value
-    return f"{value} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:

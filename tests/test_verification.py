@@ -43,7 +43,7 @@ def rows(text):
 
 
 def data_of(file):
-    """What is in a file of JSON."""
+    """Return the content of a JSON file."""
     return json.loads(file.read_text(encoding="utf-8"))
 
 

@@ -23,7 +23,7 @@ MEASURES = (
 
 
 AGES = ("age_at_least_s",)
-"""What is bounded where sensors gather data."""
+"""The measure that is bounded in scenarios with sensors."""
 
 
 def work_of(seeds: int, episodes: int) -> int:

@@ -123,7 +123,7 @@ class Dispatcher:
         sides = [np.arange(0.0, size + 1.0, LATTICE_M) for size in self._size_m]
         self._lattice = np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 2)
         self._stations = np.array([grid.centre(*cell) for cell in world.stations])
-        self._radius_m = float(world.scenario.fleet[0].footprint_radius_m)
+        self._radius_m = world.links[0].reach_m
         self._measure_flights(world)
 
     def _measure_flights(self, world: World) -> None:

@@ -1,4 +1,4 @@
-"""Whether a component keeps the promises on which the engines rely."""
+"""Checks of a scenario with a component of one's own."""
 
 from __future__ import annotations
 

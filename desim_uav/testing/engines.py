@@ -1,4 +1,4 @@
-"""Whether both engines simulate a scenario alike."""
+"""A check that both engines give the same tables for a scenario."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether an environment keeps the promises of its library and of this package."""
+"""Checks of an environment in whole episodes, after those of its library."""
 
 from __future__ import annotations
 
@@ -139,12 +139,6 @@ def _rest(env: AnyEnv, seen: Any, seed: int) -> list[tuple[Any, ...]]:
 
 def _require_same(some: list[Any], others: list[Any], what: str) -> None:
     for k, (one, other) in enumerate(zip(some, others, strict=False)):
-        apart = difference(_comparable(one), _comparable(other))
+        apart = difference(one, other, skips=NOT_COMPARED)
         require(apart is None, f"{what}, turn {k} differs: {apart}")
     require(len(some) == len(others), f"{what}: {len(some)} turns are {len(others)}")
-
-
-def _comparable(part: Any) -> Any:
-    if isinstance(part, Mapping):
-        return {key: _comparable(of) for key, of in part.items() if key not in NOT_COMPARED}
-    return tuple(map(_comparable, part)) if isinstance(part, tuple) else part

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -67,21 +68,27 @@ def _first_apart(frame: pd.DataFrame, other: pd.DataFrame) -> tuple[int, str, An
 
 
 def same(one: Any, other: Any) -> bool:
-    """Return whether two values, or what they hold, are equal; a NaN or null equals itself."""
+    """Return whether two values, or what they hold, are equal and of one type; NaN equals NaN."""
     return difference(one, other) is None
 
 
-def difference(one: Any, other: Any, where: str = "") -> str | None:
-    """Return where two values differ first, such as ``[4]['seed']: 0 is not 1``, or None."""
+def difference(one: Any, other: Any, where: str = "", skips: Collection[str] = ()) -> str | None:
+    """Return where two values differ first, such as ``[4]['seed']: 0 is not 1``, or None.
+
+    Keys of mappings that are in ``skips`` are not compared.
+    """
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
         if (one.shape, one.dtype) != (other.shape, other.dtype):
             return f"{where}: {one.dtype} {one.shape} is not {other.dtype} {other.shape}"
-        return difference(one.tolist(), other.tolist(), where)
+        if one.dtype != object and np.array_equal(one, other):
+            return None
+        return difference(one.tolist(), other.tolist(), where, skips)
     if isinstance(one, Mapping) and isinstance(other, Mapping) and one.keys() == other.keys():
-        return _first(difference(one[key], other[key], f"{where}[{key!r}]") for key in one)
+        kept = (key for key in one if key not in skips)
+        return _first(difference(one[key], other[key], f"{where}[{key!r}]", skips) for key in kept)
     if isinstance(one, list | tuple) and type(one) is type(other) and len(one) == len(other):
         pairs = enumerate(zip(one, other, strict=True))
-        return _first((difference(a, b, f"{where}[{k}]") for k, (a, b) in pairs))
+        return _first(difference(a, b, f"{where}[{k}]", skips) for k, (a, b) in pairs)
     return None if _equal(one, other) else f"{where}: {one!r} is not {other!r}"
 
 
@@ -92,6 +99,6 @@ def _first(differences: Iterable[str | None]) -> str | None:
 def _equal(one: Any, other: Any) -> bool:
     if one is pd.NA or other is pd.NA:
         return one is other
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+    if type(one) is not type(other) or isinstance(one, np.ndarray):
         return False
-    return bool(one == other) or bool(one != one and other != other)  # noqa: PLR0124
+    return bool(one == other) or (isinstance(one, float) and isnan(one) and isnan(other))

@@ -1,4 +1,4 @@
-"""Whether a run depends on nothing but its seed."""
+"""A check that a run is the same whatever was run before it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a policy keeps the promises on which comparisons rely."""
+"""Checks of a policy: that it obeys its masks and can be repeated."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def check_final(final: list[Any], infos: dict[str, Any], over: np.ndarray) -> No
             if key == "compiled":
                 assert found and not values.any()
                 continue
-            assert_same(np.asarray(found), values[0] if found.ndim else values[0, 0])
+            assert_same(np.asarray(found), np.asarray(values[0] if found.ndim else values[0, 0]))
     for array in (shown, *told.values()):
         assert not array[~over].any()
 

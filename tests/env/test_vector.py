@@ -15,6 +15,7 @@ from desim_uav.env import UavEnv, UavVectorEnv
 from desim_uav.env.session import ActionError
 from desim_uav.errors import ScenarioError
 from desim_uav.rules.rewards import Coverage
+from desim_uav.testing.exact import difference
 
 CASES = [f"case{k}" for k in range(1, 10)]
 MODES = list(AutoresetMode)
@@ -32,21 +33,8 @@ def legal(masks: np.ndarray, drones: int, rng: np.random.Generator) -> np.ndarra
 
 
 def assert_same(one: Any, other: Any, where: str = "") -> None:
-    if isinstance(one, dict):
-        assert one.keys() == other.keys()
-        for key in one.keys() - {"compiled"}:  # in which alone engines differ
-            assert_same(one[key], other[key], f"{where}/{key}")
-    elif isinstance(one, np.ndarray) and one.dtype == object:
-        for a, b in zip(one, other, strict=True):
-            assert (a is None) == (b is None), where
-            if a is not None:
-                assert_same(a, b, where)
-    elif isinstance(one, np.ndarray):
-        assert one.dtype == other.dtype, where
-        assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f"), where
-    else:
-        assert type(one) is type(other), where
-        assert one == other or (one != one and other != other), where
+    apart = difference(one, other, where, skips={"compiled"})  # in which alone engines differ
+    assert apart is None, apart
 
 
 @pytest.mark.parametrize("kind", ["position", "local"])

@@ -28,9 +28,9 @@ def world(**changes: str) -> World:
     return build_world(load(TASK, [f"{key}={value}" for key, value in changes.items()]), 0)
 
 
-def begun(**weights: float) -> Dispatcher:
+def begun(of: World | None = None, **weights: float) -> Dispatcher:
     policy = Dispatcher(weights=np.array([*(WEIGHTS | weights).values()]))
-    policy.begin(world(), None)  # type: ignore[arg-type]  # it draws nothing
+    policy.begin(of or world(), None)  # type: ignore[arg-type]  # it draws nothing
     return policy
 
 
@@ -45,6 +45,17 @@ def test_the_best_place_covers_the_users_and_costs_battery() -> None:
     assert policy._covers(place_m[None], five_m).tolist() == [[1.0] * 5]
     home_m = policy._place(here_m, five_m, np.ones(5), charge=0.02)
     assert home_m.tolist() in policy._stations.tolist()
+
+
+def test_users_are_covered_as_far_as_the_links_reach() -> None:
+    """With classes of links, the radius of the paper's disc means nothing."""
+    radio = "{kind: link_classes, power_dbm: 20, path_loss: {kind: log_distance, exponent: 3}}"
+    graded = world(**{"drones.radio": radio})
+    reach_m = graded.links[0].reach_m
+    policy, here_m = begun(graded, margin=0.0, width=0.02), np.zeros((1, 2))
+    users_m = np.array([[0.95 * reach_m, 0.0], [1.05 * reach_m, 0.0]])
+    assert policy._covers(here_m, users_m).tolist() == [[1.0, 0.0]]
+    assert reach_m != graded.scenario.fleet[0].footprint_radius_m
 
 
 def test_what_a_place_takes_is_no_less_than_the_flight_and_the_hover_after_it() -> None:

@@ -33,6 +33,9 @@ def test_equal(value: Any):
         (np.array([1, 2]), np.array([1.0, 2.0])),
         (np.array([1.0, NAN]), np.array([1.0, 2.0])),
         (0.1 + 0.2, 0.3),
+        (1, 1.0),
+        (True, 1),
+        ((1,), [1]),
     ],
 )
 def test_unequal(one: Any, other: Any):
@@ -44,6 +47,7 @@ def test_where_two_values_differ():
     one, other = ({"a": [1, 2.0]}, "x"), ({"a": [1, NAN]}, "y")
     assert difference(one, other) == "[0]['a'][1]: 2.0 is not nan"
     assert difference(one, one) is None
+    assert difference({"a": 1, "b": 2}, {"a": 1, "b": 3}, skips={"b"}) is None
 
 
 def frames(**columns: list[Any]) -> dict[str, pd.DataFrame]:

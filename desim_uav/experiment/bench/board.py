@@ -228,7 +228,7 @@ def _section(table: dict[str, Any]) -> str:
             ("Policy", "Score", *shares, "Tasks", "Runs"),
             (
                 [
-                    *(_name(row), _cell(row["score"], 3)),
+                    *(_name(row), cell_of(row["score"], 3)),
                     *(f"{100 * share:.0f} %" for share in row["profile"].values()),
                     _of(row["tasks"], len(table["tasks"])),
                     str(row["runs"]),
@@ -253,15 +253,15 @@ def _section(table: dict[str, Any]) -> str:
 def _line(row: dict[str, Any], measures: Sequence[str]) -> list[str]:
     return [
         _name(row),
-        _cell(row["score"], 3),
-        _cell(row["to_best"], 3),
-        *(_cell(row[name], 2) for name in ("better_than_best", "better_than_reference")),
-        *(_cell(row[name], 2) for name in measures),
-        _number(row["crashes_per_drone_episode"], 4),
-        _number(row["fairness"], 4),
-        _number(row["worst_tenth_qoe1_percent"], 2),
-        _number(row["j_per_mbit"], 2),
-        _number(row["decision_ms"], 2),
+        cell_of(row["score"], 3),
+        cell_of(row["to_best"], 3),
+        *(cell_of(row[name], 2) for name in ("better_than_best", "better_than_reference")),
+        *(cell_of(row[name], 2) for name in measures),
+        number_of(row["crashes_per_drone_episode"], 4),
+        number_of(row["fairness"], 4),
+        number_of(row["worst_tenth_qoe1_percent"], 2),
+        number_of(row["j_per_mbit"], 2),
+        number_of(row["decision_ms"], 2),
         escaped.markdown(row["information"]),
         row["checked"],
         _of(row["trainings"], TRAINING_SEEDS),
@@ -274,7 +274,8 @@ def _name(row: dict[str, Any]) -> str:
     return f"{escaped.markdown(row['policy'])}{mark}"
 
 
-def _cell(interval: Interval | None, digits: int) -> str:
+def cell_of(interval: Interval | None, digits: int) -> str:
+    """Return a value and its interval as a cell of a table; "-" if there is none."""
     if interval is None:
         return "-"
     value = f"{interval.value:.{digits}f}"
@@ -287,7 +288,8 @@ def _of(count: int | None, total: int) -> str:
     return "-" if count is None else f"{count} of {total}" if count < total else str(count)
 
 
-def _number(value: float | None, digits: int) -> str:
+def number_of(value: float | None, digits: int) -> str:
+    """Return a number as a cell of a table; "-" if there is none."""
     return "-" if value is None else f"{value:.{digits}f}"
 
 

@@ -74,7 +74,7 @@ def _mbps(world: World, kind: DroneType, distance_m: NDArray[np.float64]) -> NDA
     """Return the rates at distances, with the whole bandwidth."""
     radio: Any = kind.drones.radio
     links = world.links[world.types.index(kind)]
-    rings_m = np.asarray(links.rings_m).reshape(-1, np.shape(links.rings_m)[-1]).max(0)
+    rings_m = links.rings_m.max((0, 1))
     efficiencies = np.array([0.0, *np.array(radio.efficiencies()) / 1e6])
     classes = (distance_m[..., None] <= rings_m).sum(-1)
     bandwidth_mhz = (radio.uplink_hz or links.bandwidth_hz) / 1e6
