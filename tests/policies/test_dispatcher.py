@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 import desim_uav as du
 from desim_uav import array_file
@@ -16,7 +17,7 @@ from desim_uav.experiment.bench.tasks import find_task
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import parts
 from desim_uav.policies.dispatcher import FORMAT, WEIGHTS, Dispatcher, problem_of, to_bytes
-from desim_uav.scenario.load import load
+from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import find_table
 from desim_uav.world import World, build_world
 
@@ -49,8 +50,11 @@ def test_the_best_place_covers_the_users_and_costs_battery() -> None:
 
 def test_users_are_covered_as_far_as_the_links_reach() -> None:
     """With classes of links, the radius of the paper's disc means nothing."""
-    radio = "{kind: link_classes, power_dbm: 20, path_loss: {kind: log_distance, exponent: 3}}"
-    graded = world(**{"drones.radio": radio})
+    content = yaml.safe_load(TASK.read_text(encoding="utf-8"))
+    for key in ("footprint_radius_m", "bandwidth_kbps"):
+        content["drones"].pop(key, None)
+    content["drones"]["radio"] = {"kind": "link_classes", "power_dbm": 20}
+    graded = build_world(from_mapping(content), 0)
     reach_m = graded.links[0].reach_m
     policy, here_m = begun(graded, margin=0.0, width=0.02), np.zeros((1, 2))
     users_m = np.array([[0.95 * reach_m, 0.0], [1.05 * reach_m, 0.0]])
