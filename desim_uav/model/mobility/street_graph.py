@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from desim_uav.model.mobility.walks import Area
 from desim_uav.rowcode.kernels import maker
 
-MOST_JUNCTIONS = 1500
+MOST_JUNCTIONS = 2000
 """The most junctions of a graph: its table of lengths has the square of this number of entries."""
 
 LEAST_M = 1e-3
@@ -84,6 +84,7 @@ def graph_of(ways: Iterable[Way]) -> Kept:
         raise ValueError("no street can be entered again after it has been left: all are one-way")
     largest = max(lengths, key=lambda part: (lengths[part], -part))
     kept = [s for s in streets if {part_of[numbers[s.points[end]]] for end in (0, -1)} == {largest}]
+    kept = _joined(kept)
     junctions = list(_ends(kept))
     if len(junctions) > MOST_JUNCTIONS:
         raise ValueError(
@@ -155,6 +156,41 @@ def _between_junctions(ways: Sequence[Way]) -> list[Way]:
                     one_way[piece] = one_way.get(piece, True) and way.one_way
                 start = k
     return [Way(*street) for street in one_way.items()]
+
+
+def _joined(streets: Sequence[Way]) -> list[Way]:
+    """Return streets of which two that meet where no third one does are one."""
+    joined: list[Way | None] = list(streets)
+    at: dict[Point, list[int]] = {}
+    for number, street in enumerate(streets):
+        for end in (0, -1):
+            at.setdefault(street.points[end], []).append(number)
+    for point, meeting in at.items():
+        if len(meeting) != 2 or meeting[0] == meeting[1]:
+            continue
+        one, other = sorted(meeting)
+        first, second = joined[one], joined[other]
+        assert first and second
+        whole = _one_of_two(first, second, point)
+        if whole is not None:
+            joined[one], joined[other] = whole, None
+            far = second.points[0 if second.points[-1] == point else -1]
+            at[far][at[far].index(other)] = one
+    return [street for street in joined if street is not None]
+
+
+def _one_of_two(first: Way, second: Way, point: Point) -> Way | None:
+    """Return two streets that meet at a point as one; None if they lead in different directions."""
+    if first.one_way != second.one_way:
+        return None
+    turned = first.points[-1] != point, second.points[0] != point
+    if first.one_way and turned == (True, True):
+        return Way(second.points + first.points[1:], True)
+    if first.one_way and any(turned):
+        return None
+    before = first.points[::-1] if turned[0] else first.points
+    after = second.points[::-1] if turned[1] else second.points
+    return Way(before + after[1:], first.one_way)
 
 
 def _without_repeats(way: Way) -> Way:

@@ -198,6 +198,7 @@ def test_the_largest_part_is_kept():
     ways.append(Way(((50.0, 50.0), (90.0, 50.0)), one_way=True))
     graph, left_out_m = graph_of(ways)
     assert left_out_m == 100.0 and graph.street_m.sum() == 200.0
+    assert len(graph.tails) == 1 and len(graph.arcs) == 2
     with pytest.raises(ValueError, match="all are one-way"):
         graph_of(ways[2:])
 
