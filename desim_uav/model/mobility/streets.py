@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -159,6 +160,12 @@ class Streets(RowMobility):
             f"{self.file.name}: {len(self.tails)} streets between {len(self.arcs_at) - 1} "
             f"junctions, {self.ends_m[-1] / 1000:.2f} km, for {self.by}"
         )
+
+    def lines(self) -> list[tuple[tuple[float, float], ...]]:
+        """Return the points of each street, in metres."""
+        points = list(zip(self.x_m, self.y_m, strict=True))
+        ends = map(int, self.first)
+        return [tuple(points[since:until]) for since, until in pairwise(ends)]
 
     @property
     def mean_speed_mps(self) -> float:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from desim_uav.model.catalogue import Catalogue
+from desim_uav.model.mobility.streets import Streets
 from desim_uav.model.rules import GROUNDED, US, Action, Mode, Phase, Variant
 from desim_uav.model.services import COMPUTING
 from desim_uav.records import EPISODES
@@ -21,6 +22,8 @@ from desim_uav.report.run import Run, Tables
 from desim_uav.report.tracks import Track
 from desim_uav.rules import words
 from desim_uav.rules.words import EVENT_KINDS, LEADS_TO
+from desim_uav.scenario.schema import Scenario
+from desim_uav.user_group import groups_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -313,6 +316,8 @@ class Encoder:
                 "cell_height_m": [
                     [round(h, 2) for h in column] for column in world["cell_height_m"]
                 ],
+                "streets": streets_of(scenario),
+                "buildings": [],
                 "zones": [
                     {"polygon_m": zone.polygon_m, "altitude_m": zone.altitude_m}
                     for zone in scenario.map.no_fly
@@ -335,6 +340,17 @@ class Encoder:
             name: None if isinstance(row[name], float) and math.isnan(row[name]) else row[name]
             for name in EPISODES
         } | {"duration_us": round(row["duration_s"] * US)}
+
+
+def streets_of(scenario: Scenario) -> list[list[list[float]]]:
+    """Return the streets along which users of any group go, as lines of points in metres."""
+    lines = {
+        line
+        for group in groups_of(scenario)
+        if isinstance(group.mobility, Streets)
+        for line in group.mobility.lines()
+    }
+    return [[[round(x, 1), round(y, 1)] for x, y in line] for line in sorted(lines)]
 
 
 def fork_in(manifest: dict[str, Any]) -> dict[str, int] | None:

@@ -1,5 +1,6 @@
 // Buttons, keys and pointers, which control the player and the camera; nothing here draws.
 
+import { HEATS } from "./heat.js";
 import { SPEEDS } from "./player.js";
 import { byId } from "./rows.js";
 
@@ -100,6 +101,21 @@ export function wire({ runs, player, scenes, timeline, panel, layout, redraw, se
       const wanted = selection?.what === "drone" ? selection.index : 0;
       follow(followed() < 0 ? wanted : -1);
     },
+    heat: () => {
+      const now = scenes[0].heat?.name ?? null;
+      const next = HEATS[(HEATS.indexOf(now) + 1) % HEATS.length];
+      scenes.forEach((scene, k) => scene.setHeat(next, player.states[k]));
+      byId("heat").setAttribute("aria-pressed", String(next !== null));
+      redraw();
+    },
+    picture: () => scenes.forEach((scene, k) => {
+      scene.draw(player.states[k]);
+      const link = document.createElement("a");
+      const letter = scenes.length > 1 ? `-${"ab"[k]}` : "";
+      link.download = `${run.scenario}-${player.episode.about.episode}-${Math.round(player.tUs / 1e6)}s${letter}.png`;
+      link.href = scene.canvas.toDataURL("image/png");
+      link.click();
+    }),
     open: (name) => layout.toggle(name),
     help: () => (byId("keys").open ? byId("keys").close() : byId("keys").showModal()),
   };
@@ -135,6 +151,8 @@ function wireButtons(actions, player, panel, shown) {
   on("wider", "click", () => actions.zoom(1 / 1.5));
   on("whole", "click", actions.whole);
   on("follow", "click", actions.follow);
+  on("heat", "click", actions.heat);
+  on("picture", "click", actions.picture);
   for (const name of ["charts", "panel", "legend"]) on(`${name}-toggle`, "click", () => actions.open(name));
   on("speed", "input", () => player.setSpeed(SPEEDS[Number(byId("speed").value)]));
   on("unchoose", "click", () => player.select(null));
@@ -170,6 +188,8 @@ function wireKeys(actions, player, run, shown) {
     d: () => actions.move(1, 0),
     v: actions.tilt,
     f: actions.follow,
+    h: actions.heat,
+    e: actions.picture,
     c: () => actions.open("charts"),
     p: () => actions.open("panel"),
     l: () => actions.open("legend"),

@@ -12,6 +12,7 @@
 //   replay.where({what, index}, k)          its place on the map of run k (0), in pixels of the window
 //   replay.scale(k)                         the length of that map's scale bar, in metres and pixels
 //   replay.draw()                           draw once, now
+//   replay.heat(k)                          the heat map of run k that is shown (key h), or null
 // When they return, the change is drawn and announced.
 
 import { Camera } from "./camera.js";
@@ -138,6 +139,7 @@ function start() {
       scene.canvas.setAttribute("aria-label", `Map of episode ${player.episode.about.episode}, ${runs[k].policy}: `
         + `${run.drones} drones, ${run.users} users, ${run.map.stations.length} stations`);
       if (!player.selection) scene.selection = null;
+      if (scene.heat) scene.setHeat(scene.heat.name, player.states[k]);
     });
   });
   player.addEventListener("playing", () => {
@@ -260,6 +262,7 @@ function scripted(runs, player, scenes, ready, draw, show) {
       return { metres, pixels };
     },
     draw,
+    heat: (k = 0) => scenes[k].heat,
     state: (k = 0) => told(runs[k], player, player.states[k]),
   });
 }
@@ -269,7 +272,8 @@ function told(run, player, state) {
   const { episode } = state;
   const [x, y] = [new Float64Array(run.users), new Float64Array(run.users)];
   episode.userPlaces(state.tUs, x, y);
-  const { qoe1, qoe2, qoe3, reward, requests, completed, open, crashes } = state.measures();
+  const measures = state.measures();
+  const { qoe1, qoe2, qoe3, reward, requests, completed, open, crashes } = measures;
   return {
     episode: episode.about.episode,
     t_s: state.tUs / US,
@@ -305,6 +309,7 @@ function told(run, player, state) {
     measures: {
       qoe1_percent: qoe1, qoe2_iterations: qoe2, qoe3_percent: qoe3,
       reward, requests, completed, open, crashes,
+      handovers: measures.handovers, outages: measures.outages,
     },
   };
 }

@@ -20,6 +20,10 @@ const MEASURES = [
   ["open", "Requests open now", (now) => String(now.open)],
   ["crashes", "Drones that have crashed so far", (now) => String(now.crashes)],
 ];
+const MEASURES_OF_LINKS = [
+  ["handovers", "Handovers from one drone or access point to another so far", (now) => String(now.handovers)],
+  ["outages", "Losses of a serving link so far", (now) => String(now.outages)],
+];
 
 /** The name of a run: its policy, with a letter if two runs have the same policy. */
 export function nameOf(runs, k) {
@@ -91,7 +95,8 @@ export class Panel {
       head.append(element("dt", "", "so far"), ...runs.map((_, k) => element("dd", "", LETTERS[k])));
       byId("measures").append(head);
     }
-    this.measures = MEASURES.map(([name, about, form]) => {
+    const measures = this.run.graded ? [...MEASURES, ...MEASURES_OF_LINKS] : MEASURES;
+    this.measures = measures.map(([name, about, form]) => {
       const cell = element("div");
       const term = element("dt", "", name);
       term.title = about;

@@ -1,0 +1,105 @@
+// A city: streets on the ground, and buildings with their footprints, flat or in perspective.
+// In perspective a building is translucent, so that no user is hidden; the farther ones come first.
+
+import { between } from "./palette.js";
+
+const at = [0, 0, 0];
+const LEAST_PX = 2; // narrower buildings are drawn without edges
+const STREET_M = 8;
+
+/** The shade of a building, stronger for taller ones. */
+export const roof = (theme, share) => between(theme["roof-low"], theme["roof-high"], share);
+
+export function drawStreets(ctx, run, camera, theme) {
+  if (!run.map.streets.length) return;
+  ctx.strokeStyle = theme.street;
+  ctx.lineCap = ctx.lineJoin = "round";
+  ctx.lineWidth = Math.min(12, Math.max(1, STREET_M * camera.pixelsPerMetre));
+  ctx.beginPath();
+  for (const points of run.map.streets) {
+    points.forEach(([x, y], k) => {
+      camera.project(x, y, 0, at);
+      if (k) ctx.lineTo(at[0], at[1]);
+      else ctx.moveTo(at[0], at[1]);
+    });
+  }
+  ctx.stroke();
+}
+
+/** The footprints seen from above, in a few shades by height. */
+export function drawFootprints(ctx, run, camera, theme) {
+  const shades = new Map();
+  for (const { polygon_m: corners, height_m: height } of run.map.buildings) {
+    const colour = roof(theme, Math.round((10 * height) / camera.tallest) / 10);
+    if (!shades.has(colour)) shades.set(colour, new Path2D());
+    outline(shades.get(colour), camera, corners, 0);
+  }
+  ctx.lineWidth = 0.75;
+  ctx.strokeStyle = theme.map;
+  for (const [colour, path] of shades) {
+    ctx.fillStyle = colour;
+    ctx.fill(path);
+    if (camera.scale > 0.2) ctx.stroke(path);
+  }
+}
+
+/** All buildings of the map: footprints with a height, and cells. */
+export function buildingsOf(run) {
+  const { size_m: [width, depth], cells: [nx, ny], cell_height_m: heights } = run.map;
+  const [dx, dy] = [width / nx, depth / ny];
+  const cells = [];
+  heights.forEach((column, ix) => column.forEach((height, iy) => {
+    const [x, y] = [ix * dx, iy * dy];
+    if (height > 0) cells.push({ corners: [[x, y], [x + dx, y], [x + dx, y + dy], [x, y + dy]], height });
+  }));
+  const own = run.map.buildings.map(({ polygon_m: corners, height_m: height }) => ({ corners, height }));
+  return (own.length ? own : cells).map(({ corners, height }) => ({ corners, height, middle: middleOf(corners) }));
+}
+
+function middleOf(corners) {
+  const sum = (k) => corners.reduce((total, corner) => total + corner[k], 0) / corners.length;
+  return [sum(0), sum(1)];
+}
+
+/** The buildings in perspective. Corners of a footprint are counterclockwise. */
+export function drawBuildings(ctx, buildings, camera, theme) {
+  const seen = buildings.map((one) => [camera.depth(...one.middle, 0), one]).sort((a, b) => b[0] - a[0]);
+  ctx.globalAlpha = 0.82;
+  ctx.lineWidth = 1;
+  ctx.strokeStyle = theme.map;
+  for (const [, { corners, height }] of seen) {
+    const top = roof(theme, 0.25 + (0.75 * height) / camera.tallest);
+    const low = corners.map(([x, y]) => camera.project(x, y, 0, [0, 0, 0]));
+    const high = corners.map(([x, y]) => camera.project(x, y, height, [0, 0, 0]));
+    const wide = Math.abs(low[0][0] - low[Math.floor(low.length / 2)][0]) >= LEAST_PX;
+    corners.forEach(([x, y], k) => {
+      const next = (k + 1) % corners.length;
+      const [a, b] = [low[k], low[next]];
+      if (b[0] <= a[0]) return; // it looks away from the viewer
+      const [ex, ey] = [corners[next][0] - x, corners[next][1] - y];
+      const light = Math.abs(ex * camera.cosYaw - ey * camera.sinYaw) / Math.hypot(ex, ey);
+      ctx.fillStyle = between(top, "#101418", 0.18 + 0.14 * (1 - light));
+      fill(ctx, [a, b, high[next], high[k]], wide);
+    });
+    ctx.fillStyle = top;
+    fill(ctx, high, wide);
+  }
+  ctx.globalAlpha = 1;
+}
+
+function fill(ctx, points, edged) {
+  ctx.beginPath();
+  for (const [x, y] of points) ctx.lineTo(x, y);
+  ctx.closePath();
+  ctx.fill();
+  if (edged) ctx.stroke();
+}
+
+function outline(path, camera, corners, z) {
+  corners.forEach(([x, y], k) => {
+    camera.project(x, y, z, at);
+    if (k) path.lineTo(at[0], at[1]);
+    else path.moveTo(at[0], at[1]);
+  });
+  path.closePath();
+}
