@@ -7,8 +7,20 @@ const at = [0, 0, 0];
 const LEAST_PX = 2; // narrower buildings are drawn without edges
 const STREET_M = 8;
 
+const SHADES = 48;
+const known = new Map();
+
+/** A colour between two, of a few, which are made once. */
+function blend(low, high, share) {
+  const step = Math.round(SHADES * share);
+  const key = `${low}${high}${step}`;
+  let colour = known.get(key);
+  if (!colour) known.set(key, colour = between(low, high, step / SHADES));
+  return colour;
+}
+
 /** The shade of a building, stronger for taller ones. */
-export const roof = (theme, share) => between(theme["roof-low"], theme["roof-high"], share);
+export const roof = (theme, share) => blend(theme["roof-low"], theme["roof-high"], share);
 
 export function drawStreets(ctx, run, camera, theme) {
   if (!run.map.streets.length) return;
@@ -26,11 +38,11 @@ export function drawStreets(ctx, run, camera, theme) {
   ctx.stroke();
 }
 
-/** The footprints seen from above, in a few shades by height. */
+/** The footprints seen from above, in shades by height. */
 export function drawFootprints(ctx, run, camera, theme) {
   const shades = new Map();
   for (const { polygon_m: corners, height_m: height } of run.map.buildings) {
-    const colour = roof(theme, Math.round((10 * height) / camera.tallest) / 10);
+    const colour = roof(theme, height / camera.tallest);
     if (!shades.has(colour)) shades.set(colour, new Path2D());
     outline(shades.get(colour), camera, corners, 0);
   }
@@ -61,8 +73,9 @@ function middleOf(corners) {
   return [sum(0), sum(1)];
 }
 
-/** The buildings in perspective. Corners of a footprint are counterclockwise. */
-export function drawBuildings(ctx, buildings, camera, theme) {
+/** The buildings in perspective; roughly: without edges, all walls of one in the same shade.
+ *  Corners of a footprint are counterclockwise. */
+export function drawBuildings(ctx, buildings, camera, theme, roughly = false) {
   const seen = buildings.map((one) => [camera.depth(...one.middle, 0), one]).sort((a, b) => b[0] - a[0]);
   ctx.globalAlpha = 0.82;
   ctx.lineWidth = 1;
@@ -71,18 +84,24 @@ export function drawBuildings(ctx, buildings, camera, theme) {
     const top = roof(theme, 0.25 + (0.75 * height) / camera.tallest);
     const low = corners.map(([x, y]) => camera.project(x, y, 0, [0, 0, 0]));
     const high = corners.map(([x, y]) => camera.project(x, y, height, [0, 0, 0]));
-    const wide = Math.abs(low[0][0] - low[Math.floor(low.length / 2)][0]) >= LEAST_PX;
+    const edged = !roughly && Math.abs(low[0][0] - low[Math.floor(low.length / 2)][0]) >= LEAST_PX;
+    const shade = (light) => blend(top, "#101418", 0.32 - 0.14 * light);
+    if (roughly) {
+      ctx.fillStyle = shade(0.5);
+      ctx.beginPath();
+    }
     corners.forEach(([x, y], k) => {
       const next = (k + 1) % corners.length;
-      const [a, b] = [low[k], low[next]];
-      if (b[0] <= a[0]) return; // it looks away from the viewer
+      if (low[next][0] <= low[k][0]) return; // it looks away from the viewer
+      const wall = [low[k], low[next], high[next], high[k]];
+      if (roughly) return wall.forEach(([px, py], n) => (n ? ctx.lineTo(px, py) : ctx.moveTo(px, py)));
       const [ex, ey] = [corners[next][0] - x, corners[next][1] - y];
-      const light = Math.abs(ex * camera.cosYaw - ey * camera.sinYaw) / Math.hypot(ex, ey);
-      ctx.fillStyle = between(top, "#101418", 0.18 + 0.14 * (1 - light));
-      fill(ctx, [a, b, high[next], high[k]], wide);
+      ctx.fillStyle = shade(Math.abs(ex * camera.cosYaw - ey * camera.sinYaw) / Math.hypot(ex, ey));
+      return fill(ctx, wall, edged);
     });
+    if (roughly) ctx.fill();
     ctx.fillStyle = top;
-    fill(ctx, high, wide);
+    fill(ctx, high, edged);
   }
   ctx.globalAlpha = 1;
 }

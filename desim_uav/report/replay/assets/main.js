@@ -53,6 +53,7 @@ function start() {
   let stale = true;
   let saidAt = 0;
   const redraw = () => { stale = true; };
+  for (const scene of scenes) scene.again = redraw;
 
   // ---- colours
   const darkByNature = window.matchMedia("(prefers-color-scheme: dark)");

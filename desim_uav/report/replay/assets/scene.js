@@ -17,6 +17,8 @@ import { drawZones } from "./zones.js";
 const at = [0, 0, 0];
 const place = [0, 0, 0];
 const MANY_DRONES = 20;
+const MANY_BUILDINGS = 1000;
+const REST_MS = 150;
 const CLOSE_PX = 22; // of a cell: from there on each drone and pad of many has room
 
 export class Scene {
@@ -77,7 +79,7 @@ export class Scene {
     drawWalk(this);
     drawUsers(this);
     if (camera.tilted && this.buildings.length) {
-      this.#drawLayer("city", (layer) => drawBuildings(layer, this.buildings, camera, this.theme));
+      this.#drawLayer("city", (layer) => drawBuildings(layer, this.buildings, camera, this.theme, this.#moves()));
     }
     drawLinks(this);
     drawStations(this);
@@ -151,6 +153,20 @@ export class Scene {
   }
 
   // ---- layers
+
+  /** Whether the view of a large city moves; when it rests, the city is drawn again in full. */
+  #moves() {
+    const moves = this.buildings.length > MANY_BUILDINGS && this.seenFrom !== this.camera.stamp;
+    this.seenFrom = this.camera.stamp;
+    clearTimeout(this.resting);
+    if (moves) {
+      this.resting = setTimeout(() => {
+        this.layers.city = null;
+        this.again?.();
+      }, REST_MS);
+    }
+    return moves;
+  }
 
   /** Draw what changes with the view only; it is kept until the view changes. */
   #drawLayer(name, paint) {
