@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Gt, Le
+from annotated_types import Ge, Gt, Le
 
 from desim_uav.model.mobility.random_waypoint import PauseRange
 from desim_uav.model.mobility.recorded_walks import Shift
@@ -34,6 +34,8 @@ BY_TAIL, BY_HEAD, ON_IT = range(3)
 """How a user comes to the street of its place: over one of its ends, or it is on it already."""
 
 Side = Annotated[float, Gt(0), Le(1e6)]
+Longitude = Annotated[float, Ge(-180), Le(180)]
+Latitude = Annotated[float, Ge(-90), Le(90)]
 
 
 @register("mobility", "streets")
@@ -48,7 +50,7 @@ class Streets(RowMobility):
 
     file: Path
     """The file, relative to the scenario's file."""
-    later: ClassVar = ("by", "speed_mps", "pause_s", "start", "offset_m", "cut_at_m")
+    later: ClassVar = ("by", "speed_mps", "pause_s", "start", "origin", "offset_m", "cut_at_m")
 
     by: Literal["walking", "driving"] = "walking"
     """`walking`: on all streets that pedestrians may use, in both directions. `driving`: on those
@@ -61,6 +63,10 @@ class Streets(RowMobility):
     start: Start = "stationary"
     """`stationary`: users begin as they are in the long run, anywhere on the streets, and not at
     their homes. `home`: they begin at home and go straight to the nearest street.
+    """
+    origin: tuple[Longitude, Latitude] | None = None
+    """The longitude and latitude of the map's south-western corner, in degrees, for GeoJSON and
+    OpenStreetMap. It is the one of `map.buildings`, if these are of the same city.
     """
     offset_m: tuple[Shift, Shift] = (0.0, 0.0)
     """What is added to each x and y of the file to get places on the map, in metres."""
@@ -108,7 +114,7 @@ class Streets(RowMobility):
 
     def __post_init__(self) -> None:
         """Read the file. Raises ValueError with its name if it has no such streets."""
-        ways = ways_of(self.file, self.by == "driving", self.offset_m)
+        ways = ways_of(self.file, self.by == "driving", self.offset_m, self.origin)
         if self.cut_at_m is not None:
             ways = cut(ways, Area(*self.cut_at_m))
         try:

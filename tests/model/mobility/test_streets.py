@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from desim_uav.model.mobility import walking
 from desim_uav.model.mobility.mobility import leaves_the_map
+from desim_uav.model.mobility.street_files import ways_of
 from desim_uav.model.mobility.street_graph import Way, cut, graph_of
 from desim_uav.model.mobility.streets import Streets
 from desim_uav.model.mobility.walks import Area, Walks
@@ -228,3 +230,58 @@ def test_streets_off_the_map(tmp_path: Path):
     assert "cut_at_m: [300, 200]" in problem
     assert Streets(file, cut_at_m=(300.0, 200.0)).problems(3, Area(300.0, 200.0)) == []
     assert Streets(file, offset_m=(100.0, 0.0)).problems(3, Area(500.0, 200.0)) == []
+
+
+OSM = """<osm>
+<node id="1" lon="10.0" lat="50.0"/><node id="2" lon="10.001" lat="50.0"/>
+<node id="3" lon="10.001" lat="50.001"/><node id="4" lon="10.002" lat="50.0"/>
+<way id="1"><nd ref="1"/><nd ref="2"/><nd ref="4"/><tag k="highway" v="residential"/></way>
+<way id="2"><nd ref="3"/><nd ref="2"/><tag k="highway" v="footway"/></way>
+<way id="3"><nd ref="4"/><nd ref="3"/><nd ref="9"/><nd ref="1"/><tag k="highway" v="primary"/>
+<tag k="oneway" v="-1"/></way>
+<way id="4"><nd ref="1"/><nd ref="3"/><tag k="highway" v="path"/><tag k="foot" v="no"/></way>
+<way id="5"><nd ref="1"/><nd ref="3"/><tag k="building" v="yes"/></way>
+<way id="6"><nd ref="1"/><nd ref="3"/><tag k="highway" v="service"/><tag k="access" v="private"/></way>
+</osm>"""
+
+
+def test_streets_of_openstreetmap(tmp_path: Path):
+    """A degree of longitude is 71,695.7 m at 50 degrees north, and one of latitude 111,229 m."""
+    file = tmp_path / "a.osm"
+    file.write_text(OSM, encoding="utf-8")
+    on_foot = Streets(file, origin=(9.999, 49.999))
+    assert on_foot.ends_m[-1] == pytest.approx(
+        2 * 71.6957 + 111.229 + np.hypot(71.6957, 111.229), abs=0.02
+    )
+    assert min(on_foot.x_m) == pytest.approx(71.6957, abs=1e-3)
+    assert min(on_foot.y_m) == pytest.approx(111.229, abs=1e-3)
+    ways = ways_of(file, True, (0.0, 0.0), (10.0, 50.0))
+    assert [way.one_way for way in ways] == [False, True]
+    north, east = ways[1].points[0], ways[1].points[1]
+    assert north == pytest.approx((71.694, 111.229), abs=0.01) and east[1] == pytest.approx(
+        0, abs=0.01
+    )
+    with pytest.raises(ValueError, match=r"a\.osm: its places are longitudes and latitudes; write"):
+        Streets(file)
+
+
+def test_streets_of_geojson(tmp_path: Path):
+    lines = [[[0.001, 0.001], [0.002, 0.001]], [[0.002, 0.001], [0.002, 0.002, 7.5]]]
+    features: list[Any] = [
+        {"type": "Feature", "geometry": {"type": "MultiLineString", "coordinates": lines}},
+        {"type": "Feature", "geometry": {"type": "Point", "coordinates": [0, 0]}},
+        {
+            "type": "Feature",
+            "properties": {"highway": "motorway"},
+            "geometry": {"type": "LineString", "coordinates": [[0.002, 0.002], [0.001, 0.001]]},
+        },
+    ]
+    file = tmp_path / "a.geojson"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    model = Streets(file, origin=(0.0, 0.0))
+    assert model.ends_m[-1] == pytest.approx(111.3195 + 110.5743, abs=0.01)
+    assert len(ways_of(file, True, (0.0, 0.0), (0.0, 0.0))) == 3
+    features[0]["geometry"]["coordinates"] = [[[0, 0], [1, "a"]]]
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with pytest.raises(ValueError, match=r"feature 0: a line is a list of places"):
+        Streets(file, origin=(0.0, 0.0))
