@@ -241,7 +241,8 @@ OSM = """<osm>
 <tag k="oneway" v="-1"/></way>
 <way id="4"><nd ref="1"/><nd ref="3"/><tag k="highway" v="path"/><tag k="foot" v="no"/></way>
 <way id="5"><nd ref="1"/><nd ref="3"/><tag k="building" v="yes"/></way>
-<way id="6"><nd ref="1"/><nd ref="3"/><tag k="highway" v="service"/><tag k="access" v="private"/></way>
+<way id="6"><nd ref="1"/><nd ref="3"/><tag k="highway" v="service"/>
+<tag k="access" v="private"/></way>
 </osm>"""
 
 
