@@ -214,7 +214,15 @@ def read_scenario(folder: Path) -> Scenario:
 def world_content(world: World) -> dict[str, Any]:
     """Return the content of ``world.json`` for a world."""
     width, depth = world.area
-    return {
+    city = world.grid.city
+    own: dict[str, Any] = {}
+    if len(city):
+        own["city"] = {
+            "attribution": city.attribution,
+            "roofs_m": city.roofs_m.tolist(),
+            "pieces_m": [piece.tolist() for piece in city.pieces_m],
+        }
+    return own | {
         "size_m": [width, depth],
         "cells": list(world.grid.cells),
         "cell_height_m": world.grid.height_m.tolist(),

@@ -25,7 +25,7 @@ from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_
 from desim_uav.records import EPISODES, REQUESTS, SENSORS
 from desim_uav.report.manifest import read_manifest
 from desim_uav.run_folder import RunDraft, RunPlace, world_content
-from desim_uav.scenario.load import dump, scenario_hash
+from desim_uav.scenario.load import files_of, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
@@ -92,7 +92,8 @@ class Recorded:
 
     def write(self, draft: RunDraft) -> None:
         """Write everything except the tables into a run folder."""
-        draft.write_text("scenario.yaml", dump(self.prepared.scenario))
+        for name, content in files_of(self.prepared.scenario).items():
+            draft.write_bytes(name, content)
         draft.write_json("world.json", world_content(self.prepared.world))
         draft.write_json("manifest.json", self.manifest)
 
@@ -228,6 +229,8 @@ def record_episodes(
         "finished": now(),
         "versions": versions(),
     }
+    if world.grid.city.attribution:
+        manifest["attribution"] = world.grid.city.attribution
     entries = {key: manifest[key] for key in NAMED}
     return Recorded(prepared, manifest, entries | tally.headline(), tally.groups())
 

@@ -29,7 +29,7 @@ from desim_uav.lock import held
 from desim_uav.parquet_file import parquet
 from desim_uav.records import TRAINING
 from desim_uav.run_folder import RunPlace, world_content
-from desim_uav.scenario.load import dump, scenario_hash
+from desim_uav.scenario.load import files_of, scenario_hash
 from desim_uav.scenario.schema import Scenario
 
 CHECKPOINT, BEFORE = "checkpoint.npz", "checkpoint-before.npz"
@@ -62,7 +62,8 @@ def train_to_folder(
         if not (folder / CHECKPOINT).exists():
             _save(course, folder)  # first of all, as only a folder with a checkpoint is resumed
         if not (folder / MANIFEST).exists():  # a finished training stays intact until the end
-            write_whole(folder / "scenario.yaml", dump(scenario).encode())
+            for name, content in files_of(scenario).items():
+                write_whole(folder / name, content)
         on_start(course.first)
         saving = TrainingPause(checkpoint_every, lambda course: _save(course, folder))
         learn(course, [saving, *pauses], on_episode, stop)
@@ -215,7 +216,7 @@ def _finish(course: TrainingCourse, folder: Path) -> None:
     if course.stopped:
         manifest["stopped"] = True
     files = {
-        "scenario.yaml": dump(training.world.scenario).encode(),
+        **files_of(training.world.scenario),
         "world.json": json.dumps(world_content(training.world)).encode(),
         "training.parquet": parquet("training", to_frame(TRAINING, course.rows)),
         POLICY: table.to_bytes(),
