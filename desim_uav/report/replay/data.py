@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from desim_uav.model.catalogue import Catalogue
-from desim_uav.model.mobility.streets import Streets
+from desim_uav.model.geometry.city import City
 from desim_uav.model.rules import GROUNDED, US, Action, Mode, Phase, Variant
 from desim_uav.model.services import COMPUTING
 from desim_uav.records import EPISODES
@@ -22,8 +22,7 @@ from desim_uav.report.run import Run, Tables
 from desim_uav.report.tracks import Track
 from desim_uav.rules import words
 from desim_uav.rules.words import EVENT_KINDS, LEADS_TO
-from desim_uav.scenario.schema import Scenario
-from desim_uav.user_group import groups_of
+from desim_uav.user_group import streets_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -316,8 +315,9 @@ class Encoder:
                 "cell_height_m": [
                     [round(h, 2) for h in column] for column in world["cell_height_m"]
                 ],
-                "streets": streets_of(scenario),
-                "buildings": [],
+                "streets": [np.round(line, 1).tolist() for line in streets_of(scenario)],
+                "buildings": buildings_of(self.run.world.grid.city),
+                "attribution": self.run.world.grid.city.attribution,
                 "zones": [
                     {"polygon_m": zone.polygon_m, "altitude_m": zone.altitude_m}
                     for zone in scenario.map.no_fly
@@ -342,15 +342,15 @@ class Encoder:
         } | {"duration_us": round(row["duration_s"] * US)}
 
 
-def streets_of(scenario: Scenario) -> list[list[list[float]]]:
-    """Return the streets along which users of any group go, as lines of points in metres."""
-    lines = {
-        line
-        for group in groups_of(scenario)
-        if isinstance(group.mobility, Streets)
-        for line in group.mobility.lines()
-    }
-    return [[[round(x, 1), round(y, 1)] for x, y in line] for line in sorted(lines)]
+def buildings_of(city: City) -> list[dict[str, Any]]:
+    """Return the convex pieces of buildings: corners, height, and the edges without a wall."""
+    return [
+        {"polygon_m": np.round(piece, 1).tolist(), "height_m": round(roof_m, 1)}
+        | ({"inner": np.flatnonzero(inner).tolist()} if inner.any() else {})
+        for piece, roof_m, inner in zip(
+            city.pieces_m, city.roofs_m.tolist(), city.inner, strict=True
+        )
+    ]
 
 
 def fork_in(manifest: dict[str, Any]) -> dict[str, int] | None:

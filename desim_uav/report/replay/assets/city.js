@@ -51,7 +51,7 @@ export function drawFootprints(ctx, run, camera, theme) {
   for (const [colour, path] of shades) {
     ctx.fillStyle = colour;
     ctx.fill(path);
-    if (camera.scale > 0.2) ctx.stroke(path);
+    if (camera.scale > 0.2 && !run.map.buildings.some(({ inner }) => inner)) ctx.stroke(path);
   }
 }
 
@@ -64,8 +64,8 @@ export function buildingsOf(run) {
     const [x, y] = [ix * dx, iy * dy];
     if (height > 0) cells.push({ corners: [[x, y], [x + dx, y], [x + dx, y + dy], [x, y + dy]], height });
   }));
-  const own = run.map.buildings.map(({ polygon_m: corners, height_m: height }) => ({ corners, height }));
-  return (own.length ? own : cells).map(({ corners, height }) => ({ corners, height, middle: middleOf(corners) }));
+  const own = run.map.buildings.map(({ polygon_m: corners, height_m: height, inner }) => ({ corners, height, inner }));
+  return (own.length ? own : cells).map((one) => ({ ...one, middle: middleOf(one.corners) }));
 }
 
 function middleOf(corners) {
@@ -80,7 +80,7 @@ export function drawBuildings(ctx, buildings, camera, theme, roughly = false) {
   ctx.globalAlpha = 0.82;
   ctx.lineWidth = 1;
   ctx.strokeStyle = theme.map;
-  for (const [, { corners, height }] of seen) {
+  for (const [, { corners, height, inner }] of seen) {
     const top = roof(theme, 0.25 + (0.75 * height) / camera.tallest);
     const low = corners.map(([x, y]) => camera.project(x, y, 0, [0, 0, 0]));
     const high = corners.map(([x, y]) => camera.project(x, y, height, [0, 0, 0]));
@@ -92,7 +92,7 @@ export function drawBuildings(ctx, buildings, camera, theme, roughly = false) {
     }
     corners.forEach(([x, y], k) => {
       const next = (k + 1) % corners.length;
-      if (low[next][0] <= low[k][0]) return; // it looks away from the viewer
+      if (low[next][0] <= low[k][0] || inner?.includes(k)) return; // it looks away, or another piece is there
       const wall = [low[k], low[next], high[next], high[k]];
       if (roughly) return wall.forEach(([px, py], n) => (n ? ctx.lineTo(px, py) : ctx.moveTo(px, py)));
       const [ex, ey] = [corners[next][0] - x, corners[next][1] - y];
@@ -101,7 +101,7 @@ export function drawBuildings(ctx, buildings, camera, theme, roughly = false) {
     });
     if (roughly) ctx.fill();
     ctx.fillStyle = top;
-    fill(ctx, high, edged);
+    fill(ctx, high, edged && !inner);
   }
   ctx.globalAlpha = 1;
 }

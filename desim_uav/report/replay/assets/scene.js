@@ -90,6 +90,7 @@ export class Scene {
     this.#drawRing();
     drawScale(this);
     drawWind(this);
+    this.#nameSource();
     if (this.heat) drawHeatKey(this);
   }
 
@@ -197,6 +198,17 @@ export class Scene {
     (camera.tilted ? drawTiltedGround : drawFlatGround)(ctx, run, camera, theme);
     if (this.heat) drawHeat(ctx, this.heat, camera, theme);
     drawZones(ctx, run, camera, theme);
+  }
+
+  /** Whose data the buildings are. */
+  #nameSource() {
+    const { ctx, camera, theme, run } = this;
+    if (!run.map.attribution) return;
+    ctx.font = `10px ${FONT}`;
+    ctx.textAlign = "right";
+    ctx.textBaseline = "alphabetic";
+    ctx.fillStyle = theme.muted;
+    ctx.fillText(run.map.attribution, camera.width - camera.right - 8, camera.height - 5);
   }
 
   #drawFootprints() {
