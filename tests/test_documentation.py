@@ -201,9 +201,6 @@ DESIGN = [
 ]
 """The pages that describe the code."""
 
-GONE = {"Hold", "Volume", "in_bits", "elastic", "bandwidths_bps", "durations_us", "volumes_ubit"}
-"""What decisions say of the code before them, by its names then."""
-
 
 @cache
 def words_of_the_code() -> tuple[set[str], dict[str, set[str]]]:
@@ -242,7 +239,7 @@ def test_the_names_in_a_page_about_the_code_exist(name: str) -> None:
         if not re.fullmatch(r"[A-Za-z_][\w.]*(\(.*\))?", code) or code.endswith((".py", ".md")):
             continue
         words = code.partition("(")[0].split(".")
-        there = set(words) <= known | GONE
+        there = set(words) <= known
         if len(words) > 2 and words[-2] in modules:
             there &= words[-1] in modules[words[-2]]
         missing += [] if there else [code]
