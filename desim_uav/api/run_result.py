@@ -356,7 +356,7 @@ class RunResult:
         title = f"{self._title()}: {_number(counted, 'episode')}"
         title += " per seed (mean ± half-width of the 95 % interval)" if len(self) > 1 else ""
         of_seeds = {"all": summaries} | self._by_service()
-        groups = [{"service": name} | _collected(rows) for name, rows in of_seeds.items()]
+        groups = [_collected(rows) | {"service": name} for name, rows in of_seeds.items()]
         title = notebook.heading(f"{title}, {_number(crashes, 'crash', 'crashes')}")
         return title + "".join(_table(looks, own) for looks, own in tables_of(groups))
 
