@@ -276,6 +276,16 @@ def test_pictures_stand_beside_their_commands(page: str, file: str, command: str
     assert (ROOT / "docs" / file).stat().st_size < 1.5e6
 
 
+def test_each_picture_of_the_front_page_has_its_command() -> None:
+    text = PAGES["docs/index.md"].read_text(encoding="utf-8")
+    pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text)
+    assert len(pictures) == 5
+    for before, picture in zip(re.split(r"!\[", text), pictures, strict=False):
+        last = blocks(before)[-1].text
+        assert re.search(rf"(-o|--gif) {re.escape(picture)}\b", last), picture
+        assert (ROOT / "docs" / picture).stat().st_size < (1e6 if ".gif" in picture else 4e5)
+
+
 def test_the_picture_of_the_readme_is_one_of_the_site() -> None:
     (picture,) = re.findall(r"!\[[^]]*\]\(([^)]+)\)", README)
     assert (ROOT / picture).is_file()

@@ -21,9 +21,11 @@ const MEASURES = [
   ["crashes", "Drones that have crashed so far", (now) => String(now.crashes)],
 ];
 
-/** The name of a run: its policy, with a letter if two runs have the same policy. */
+/** The name of a run: its label and policy, with a letter if there are two runs. */
 export function nameOf(runs, k) {
-  return runs.length === 1 ? runs[k].policy : `${LETTERS[k]}: ${runs[k].policy}`;
+  const { name, policy } = runs[k];
+  const label = name ? `${name} (${policy})` : policy;
+  return runs.length === 1 ? label : `${LETTERS[k]}: ${label}`;
 }
 
 export class Panel {
