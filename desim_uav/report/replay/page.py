@@ -56,6 +56,7 @@ MODULES = (
         "player",
         "panel",
         "layout",
+        "picture",
         "controls",
         "main",
     ),

@@ -7,7 +7,7 @@ const TURN = 0.09;
 const MOVE = 60;
 const NEAR = { flat: 2, tilted: 1.6 }; // zoom when a drone is followed
 
-export function wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark }) {
+export function wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark, keep }) {
   const [run] = runs;
   const cameras = scenes.map((scene) => scene.camera);
   const [camera] = cameras;
@@ -72,6 +72,7 @@ export function wire({ runs, player, scenes, timeline, panel, layout, redraw, se
       if (d >= 0) follow(d);
       settle();
     },
+    keep,
     theme: () => setTheme(isDark() ? "light" : "dark"),
     zoom: (factor, px, py) => {
       for (const each of cameras) each.zoomBy(factor, px, py);
@@ -129,6 +130,7 @@ function wireButtons(actions, player, panel, shown) {
   on("later", "click", () => actions.episode(shown() + 1));
   on("episode", "change", () => actions.episode(byId("episode").selectedIndex));
   on("tilt", "click", actions.tilt);
+  on("keep", "click", actions.keep);
   on("theme", "click", actions.theme);
   on("help", "click", actions.help);
   on("closer", "click", () => actions.zoom(1.5));
@@ -174,6 +176,7 @@ function wireKeys(actions, player, run, shown) {
     p: () => actions.open("panel"),
     l: () => actions.open("legend"),
     t: actions.theme,
+    e: actions.keep,
     "?": actions.help,
     Escape: () => player.select(null),
   };

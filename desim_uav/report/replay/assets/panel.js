@@ -21,6 +21,12 @@ const MEASURES = [
   ["crashes", "Drones that have crashed so far", (now) => String(now.crashes)],
 ];
 
+/** Of links with classes. */
+const OF_LINKS = [
+  ["handovers", "Users that passed from one drone to another without a break, so far", (now) => String(now.handovers)],
+  ["outages", "Times at which a user with an open request lost its link, so far", (now) => String(now.outages)],
+];
+
 /** The name of a run: its label and policy, with a letter if there are two runs. */
 export function nameOf(runs, k) {
   const { name, policy } = runs[k];
@@ -93,7 +99,8 @@ export class Panel {
       head.append(element("dt", "", "so far"), ...runs.map((_, k) => element("dd", "", LETTERS[k])));
       byId("measures").append(head);
     }
-    this.measures = MEASURES.map(([name, about, form]) => {
+    const shown = runs.every((each) => each.graded) ? [...MEASURES, ...OF_LINKS] : MEASURES;
+    this.measures = shown.map(([name, about, form]) => {
       const cell = element("div");
       const term = element("dt", "", name);
       term.title = about;

@@ -12,6 +12,7 @@ const RIGHT = 12;
 const SLOW_PATHS = 20;
 const SHORT_US = 10_000;
 const FLAT = 90; // below this height there is no room for charts
+const LEAST_SCALED = 26; // the height of a chart with room for its scale
 const LETTERS = ["A", "B"];
 const DASHES = [[], [5, 3]]; // of two runs
 
@@ -136,6 +137,7 @@ export class Timeline {
       ctx.stroke();
       const toY = (value) => bottom - ((value - lane.low) / (lane.high - lane.low)) * height;
       for (const line of lane.lines) this.#drawLine(ctx, line, toY);
+      if (lane.lines.length && height >= LEAST_SCALED) this.#drawScale(ctx, lane, top, bottom);
       for (const { part, fromUs, untilUs } of lane.spells ?? []) {
         const x = this.#x(fromUs);
         const own = part === PARTS.at(-1); // beside what is done elsewhere
@@ -147,6 +149,22 @@ export class Timeline {
     this.#drawMarks(ctx);
     this.#drawFork(ctx);
     this.stale = false;
+  }
+
+  /** The values at the upper and at the lower edge of a chart. */
+  #drawScale(ctx, lane, top, bottom) {
+    const form = lane.form ?? ((value) => String(+value.toPrecision(2)));
+    ctx.font = `9px ${FONT}`;
+    ctx.textAlign = "left";
+    ctx.lineWidth = 3;
+    ctx.strokeStyle = this.theme.paper;
+    ctx.fillStyle = this.theme.muted;
+    for (const [value, y, baseline] of [[lane.high, top + 2, "top"], [lane.low, bottom - 1, "bottom"]]) {
+      ctx.textBaseline = baseline;
+      ctx.strokeText(form(value), this.left + 3, y);
+      ctx.fillText(form(value), this.left + 3, y);
+    }
+    ctx.font = `11px ${FONT}`;
   }
 
   /** Without charts: a slider. */
@@ -374,7 +392,7 @@ function lanesOf(run, state) {
   ];
   const lanes = [
     {
-      low: 0, high: 100, share: 1.6, lines: [qoe1, qoe3],
+      low: 0, high: 100, share: 1.6, form: (value) => percent(value, 0), lines: [qoe1, qoe3],
       labels: ([now]) => [
         { text: `QoE1 ${percent(now.qoe1)}`, line: qoe1 },
         { text: `QoE3 ${percent(now.qoe3)}`, line: qoe3 },
@@ -389,7 +407,7 @@ function lanesOf(run, state) {
       labels: ([now]) => [{ text: `reward ${now.reward.toFixed(2)}` }],
     },
     {
-      low: 0, high: bandwidthLimit(run, course), lines: [{ tUs: course.tUs, values: course.usedBps }],
+      low: 0, high: bandwidthLimit(run, course), form: (bps) => String(+(bps / 1e6).toPrecision(3)), lines: [{ tUs: course.tUs, values: course.usedBps }],
       labels: (_, at, narrow) => {
         const used = at.usedBps.reduce((sum, b) => sum + b, 0) / 1e6;
         return narrow ? [{ text: `${used.toFixed(2)} Mbit/s` }]
@@ -441,7 +459,7 @@ function queueLane(run, course) {
 /** The mean age of all sensors. */
 function ageLane(course) {
   return {
-    low: 0, high: 1.05 * course.ageUs.reduce((a, b) => Math.max(a, b), 1),
+    low: 0, high: 1.05 * course.ageUs.reduce((a, b) => Math.max(a, b), 1), form: span,
     lines: [{ tUs: course.tUs, values: course.ageUs }],
     labels: (_, at) => [{ text: `age ${span(at.meanAgeUs())}` }],
   };
@@ -493,7 +511,7 @@ function batteryLane(run, episode) {
     });
   }
   return {
-    low: 0, high: 100, lines,
+    low: 0, high: 100, form: (value) => percent(value, 0), lines,
     labels: () => [{ text: "battery %" }],
   };
 }
