@@ -12,7 +12,7 @@ const RIGHT = 12;
 const SLOW_PATHS = 20;
 const SHORT_US = 10_000;
 const FLAT = 90; // below this height there is no room for charts
-const LEAST_SCALED = 26; // the height of a chart with room for its scale
+const [LEAST_SCALED, BOTH_ENDS] = [11, 24]; // the heights of charts with room for one end of the scale, and for both
 const LETTERS = ["A", "B"];
 const DASHES = [[], [5, 3]]; // of two runs
 
@@ -151,7 +151,7 @@ export class Timeline {
     this.stale = false;
   }
 
-  /** The values at the upper and at the lower edge of a chart. */
+  /** The value at the upper edge of a chart and, if there is room, that at the lower one. */
   #drawScale(ctx, lane, top, bottom) {
     const form = lane.form ?? ((value) => String(+value.toPrecision(2)));
     ctx.font = `9px ${FONT}`;
@@ -159,7 +159,8 @@ export class Timeline {
     ctx.lineWidth = 3;
     ctx.strokeStyle = this.theme.paper;
     ctx.fillStyle = this.theme.muted;
-    for (const [value, y, baseline] of [[lane.high, top + 2, "top"], [lane.low, bottom - 1, "bottom"]]) {
+    const ends = [[lane.high, top + 2, "top"], [lane.low, bottom - 1, "bottom"]];
+    for (const [value, y, baseline] of ends.slice(0, bottom - top < BOTH_ENDS ? 1 : 2)) {
       ctx.textBaseline = baseline;
       ctx.strokeText(form(value), this.left + 3, y);
       ctx.fillText(form(value), this.left + 3, y);
