@@ -356,7 +356,7 @@ class RunResult:
         title = f"{self._title()}: {_number(counted, 'episode')}"
         title += " per seed (mean ± half-width of the 95 % interval)" if len(self) > 1 else ""
         of_seeds = {"all": summaries} | self._by_service()
-        groups = [{"service": name} | _collected(rows) for name, rows in of_seeds.items()]
+        groups = [_collected(rows) | {"service": name} for name, rows in of_seeds.items()]
         title = notebook.heading(f"{title}, {_number(crashes, 'crash', 'crashes')}")
         return title + "".join(_table(looks, own) for looks, own in tables_of(groups))
 
@@ -365,7 +365,8 @@ class RunResult:
         seeds_in_words = f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds"
         if len(set(self.world_seeds)) == 1 and self.world_seeds != seeds:
             seeds_in_words += f" in world {self.world_seeds[0]}"
-        return f"{self.scenario.name}, {self.policy}, {seeds_in_words}"
+        label = f"{name}: " if (name := self._runs[0].manifest.get("name")) else ""
+        return f"{label}{self.scenario.name}, {self.policy}, {seeds_in_words}"
 
     def _by_service(self) -> dict[str, list[dict[str, Any]]]:
         """The rows of each service, a row per seed that has it."""

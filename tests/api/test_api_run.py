@@ -436,6 +436,7 @@ def test_a_notebook_shows_the_table():
     shown = du.run("case8", SMALL, seeds=3)._repr_html_()
     assert "case8, baseline, 3 seeds: 1 episode per seed" in shown
     assert shown.count("<tr>") == 1 + 1 + 3
+    assert all(f">{s}<" in shown for s in ("all", "data_gathering", "edge_computing", "throughput"))
     assert "±" in shown
     assert "±" not in du.run("case8", SMALL)._repr_html_()
 

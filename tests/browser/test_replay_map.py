@@ -2,7 +2,6 @@
 
 import json
 import re
-import time
 
 import numpy as np
 import pandas as pd
@@ -127,16 +126,3 @@ def test_handovers_and_outages_are_counted(page, tmp_path):
     assert seen["handovers"] == events["handover"] > 0
     assert seen["outages"] == events["outage"] > 0
     assert "handovers" in page.text("measures")
-
-
-def test_the_map_is_saved_as_a_picture(page, city, tmp_path):
-    page.driver.execute_cdp_cmd(
-        "Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)}
-    )
-    page.open(city / "replay.html", "#episode=0&t=60")
-    page.click("picture")
-    file = tmp_path / "city-0-60s.png"
-    until = time.monotonic() + 20
-    while not file.exists() and time.monotonic() < until:
-        time.sleep(0.1)
-    assert file.read_bytes().startswith(b"\x89PNG")

@@ -292,6 +292,7 @@ class Encoder:
         scenario, manifest, world = self.scenario, self.run.manifest, self.run.map
         return links_content(self.run.world) | {
             "scenario": manifest["scenario"],
+            "name": manifest.get("name", ""),
             "policy": manifest["policy"],
             "seed": str(manifest["seed"]),
             "world_seed": str(self.run.settings.world_seed),

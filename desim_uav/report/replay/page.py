@@ -58,6 +58,7 @@ MODULES = (
         "player",
         "panel",
         "layout",
+        "picture",
         "controls",
         "main",
     ),

@@ -8,7 +8,7 @@ const TURN = 0.09;
 const MOVE = 60;
 const NEAR = { flat: 2, tilted: 1.6 }; // zoom when a drone is followed
 
-export function wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark }) {
+export function wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark, keep }) {
   const [run] = runs;
   const cameras = scenes.map((scene) => scene.camera);
   const [camera] = cameras;
@@ -73,6 +73,7 @@ export function wire({ runs, player, scenes, timeline, panel, layout, redraw, se
       if (d >= 0) follow(d);
       settle();
     },
+    keep,
     theme: () => setTheme(isDark() ? "light" : "dark"),
     zoom: (factor, px, py) => {
       for (const each of cameras) each.zoomBy(factor, px, py);
@@ -108,14 +109,6 @@ export function wire({ runs, player, scenes, timeline, panel, layout, redraw, se
       byId("heat").setAttribute("aria-pressed", String(next !== null));
       redraw();
     },
-    picture: () => scenes.forEach((scene, k) => {
-      scene.draw(player.states[k]);
-      const link = document.createElement("a");
-      const letter = scenes.length > 1 ? `-${"ab"[k]}` : "";
-      link.download = `${run.scenario}-${player.episode.about.episode}-${Math.round(player.tUs / 1e6)}s${letter}.png`;
-      link.href = scene.canvas.toDataURL("image/png");
-      link.click();
-    }),
     open: (name) => layout.toggle(name),
     help: () => (byId("keys").open ? byId("keys").close() : byId("keys").showModal()),
   };
@@ -145,6 +138,7 @@ function wireButtons(actions, player, panel, shown) {
   on("later", "click", () => actions.episode(shown() + 1));
   on("episode", "change", () => actions.episode(byId("episode").selectedIndex));
   on("tilt", "click", actions.tilt);
+  on("keep", "click", actions.keep);
   on("theme", "click", actions.theme);
   on("help", "click", actions.help);
   on("closer", "click", () => actions.zoom(1.5));
@@ -152,7 +146,6 @@ function wireButtons(actions, player, panel, shown) {
   on("whole", "click", actions.whole);
   on("follow", "click", actions.follow);
   on("heat", "click", actions.heat);
-  on("picture", "click", actions.picture);
   for (const name of ["charts", "panel", "legend"]) on(`${name}-toggle`, "click", () => actions.open(name));
   on("speed", "input", () => player.setSpeed(SPEEDS[Number(byId("speed").value)]));
   on("unchoose", "click", () => player.select(null));
@@ -189,11 +182,11 @@ function wireKeys(actions, player, run, shown) {
     v: actions.tilt,
     f: actions.follow,
     h: actions.heat,
-    e: actions.picture,
     c: () => actions.open("charts"),
     p: () => actions.open("panel"),
     l: () => actions.open("legend"),
     t: actions.theme,
+    e: actions.keep,
     "?": actions.help,
     Escape: () => player.select(null),
   };

@@ -13,6 +13,7 @@
 //   replay.scale(k)                         the length of that map's scale bar, in metres and pixels
 //   replay.draw()                           draw once, now
 //   replay.heat(k)                          the heat map of run k that is shown (key h), or null
+//   replay.picture()                        what is shown now, as the address (data:) of a PNG
 // When they return, the change is drawn and announced.
 
 import { Camera } from "./camera.js";
@@ -24,6 +25,7 @@ import { Layout } from "./layout.js";
 import { Legend } from "./legend.js";
 import { clock, readTheme, setPalette, userWord } from "./palette.js";
 import { Panel } from "./panel.js";
+import { png, save } from "./picture.js";
 import { Player, SPEEDS } from "./player.js";
 import { byId, element } from "./rows.js";
 import { scaleOf } from "./scale.js";
@@ -159,7 +161,15 @@ function start() {
     byId("speed").setAttribute("aria-valuetext", `${player.speed} times`);
     byId("speed-now").textContent = `${player.speed} ×`;
   });
-  wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark });
+  const picture = () => {
+    draw();
+    return png(runs, player, scenes, timeline);
+  };
+  const keep = () => {
+    draw();
+    save(runs, player, scenes, timeline);
+  };
+  wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark, keep });
   player.setSpeed(60);
 
   const show = () => {
@@ -179,7 +189,7 @@ function start() {
     byId("message").hidden = false;
     throw error;
   });
-  window.replay = scripted(runs, player, scenes, ready, draw, show);
+  window.replay = scripted(runs, player, scenes, ready, draw, show, picture);
 }
 
 /** The canvas of run k, under a caption if there are two. */
@@ -222,7 +232,7 @@ function addressOf(player) {
   return { read, write };
 }
 
-function scripted(runs, player, scenes, ready, draw, show) {
+function scripted(runs, player, scenes, ready, draw, show, picture) {
   const [run] = runs;
   const numbers = run.episodes.map((about) => about.episode);
   const moment = ({ k, i }) => {
@@ -264,6 +274,7 @@ function scripted(runs, player, scenes, ready, draw, show) {
     },
     draw,
     heat: (k = 0) => scenes[k].heat,
+    picture,
     state: (k = 0) => told(runs[k], player, player.states[k]),
   });
 }
@@ -273,8 +284,7 @@ function told(run, player, state) {
   const { episode } = state;
   const [x, y] = [new Float64Array(run.users), new Float64Array(run.users)];
   episode.userPlaces(state.tUs, x, y);
-  const measures = state.measures();
-  const { qoe1, qoe2, qoe3, reward, requests, completed, open, crashes } = measures;
+  const { qoe1, qoe2, qoe3, ...counts } = state.measures();
   return {
     episode: episode.about.episode,
     t_s: state.tUs / US,
@@ -308,9 +318,7 @@ function told(run, player, state) {
     })),
     stations: run.map.stations.map((_, s) => state.dock(s)),
     measures: {
-      qoe1_percent: qoe1, qoe2_iterations: qoe2, qoe3_percent: qoe3,
-      reward, requests, completed, open, crashes,
-      handovers: measures.handovers, outages: measures.outages,
+      qoe1_percent: qoe1, qoe2_iterations: qoe2, qoe3_percent: qoe3, ...counts,
     },
   };
 }
