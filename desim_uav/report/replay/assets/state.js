@@ -68,6 +68,18 @@ export class State {
     this.tUs = t;
   }
 
+  /** Call a function at some times, in their order, and come back to the present instant. */
+  visit(times, look) {
+    const [next, tUs] = [this.sums.next, this.tUs];
+    for (const t of times) {
+      this.seek(t);
+      look(t);
+    }
+    this.#goTo(next);
+    this.tUs = tUs;
+    this.#integrateTo(tUs);
+  }
+
   /** Go to the state right after event number i. */
   seekEvent(i) {
     this.#goTo(i + 1);
