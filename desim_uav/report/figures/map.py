@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
@@ -44,12 +45,28 @@ def draw_cells(axes: Axes, world: dict[str, Any]) -> None:
 def draw_buildings(axes: Axes, world: dict[str, Any]) -> Any:
     """Draw buildings, taller ones darker; return the image, or None if there are none."""
     width, depth = world["size_m"]
+    if world.get("city"):
+        return _draw_city(axes, world["city"])
     heights = np.array(world["cell_height_m"])
     if not heights.any():
         return None
     shades = np.ma.masked_equal(heights.T, 0.0)
     extent = (0, width, 0, depth)
     return axes.imshow(shades, origin="lower", extent=extent, cmap="Greys", vmin=0, alpha=0.75)
+
+
+def _draw_city(axes: Axes, city: dict[str, Any]) -> Any:
+    """Draw the footprints of a city, the lower ones first; their edges hide the seams."""
+    order = np.argsort(city["roofs_m"], kind="stable")
+    pieces = PolyCollection(
+        [city["pieces_m"][k] for k in order],
+        array=np.array(city["roofs_m"])[order],
+        cmap="Greys",
+        edgecolors="face",
+        linewidths=0.3,
+    )
+    pieces.set_clim(0.0)
+    return axes.add_collection(pieces, autolim=False)
 
 
 def draw_clusters(axes: Axes, world: dict[str, Any]) -> None:

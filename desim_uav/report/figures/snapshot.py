@@ -109,7 +109,8 @@ def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
         name = "charging station" if k == 0 else None
         look = {"facecolor": "white", "edgecolor": "black", "linewidth": 1.4, "zorder": 3}
         axes.add_collection3d(Poly3DCollection([corners], label=name, **look))
-    top = max(world["open_levels_m"] + [float(np.max(world["cell_height_m"]))])
+    roofs_m = (world.get("city") or {}).get("roofs_m", [])
+    top = max([*world["open_levels_m"], float(np.max(world["cell_height_m"])), *roofs_m])
     axes.set(xlim=(0, width), ylim=(0, depth), zlim=(0, top))
     axes.set_xlabel("x, m", labelpad=6)
     axes.set_ylabel("y, m", labelpad=6)
@@ -125,6 +126,9 @@ def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
 
 def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
     (width, depth), (nx, ny) = world["size_m"], world["cells"]
+    if world.get("city"):
+        _draw_city(axes, world["city"])
+        return
     heights = np.array(world["cell_height_m"], dtype=float)
     cells = np.argwhere(heights > 0)
     # From the back to the front, so that nearer buildings cover those behind them.
@@ -141,6 +145,17 @@ def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
             zorder=5,
             label="building" if k == 0 else None,
         )
+
+
+def _draw_city(axes: Any, city: dict[str, Any]) -> None:
+    """Draw the roofs and walls of a city."""
+    faces = []
+    for corners, roof in zip(city["pieces_m"], city["roofs_m"], strict=True):
+        faces.append([(x, y, roof) for x, y in corners])
+        for (x0, y0), (x1, y1) in zip(corners, [*corners[1:], corners[0]], strict=True):
+            faces.append([(x0, y0, 0), (x1, y1, 0), (x1, y1, roof), (x0, y0, roof)])
+    look: dict[str, Any] = {"facecolors": "0.85", "edgecolors": "face", "linewidths": 0.2}
+    axes.add_collection3d(Poly3DCollection(faces, shade=True, zorder=5, label="building", **look))
 
 
 def _draw_footprints(axes: Axes3D, moment: Moment, world: World) -> None:

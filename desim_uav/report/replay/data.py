@@ -313,6 +313,7 @@ class Encoder:
                 "cell_height_m": [
                     [round(h, 2) for h in column] for column in world["cell_height_m"]
                 ],
+                "city": _city(world.get("city")),
                 "zones": [
                     {"polygon_m": zone.polygon_m, "altitude_m": zone.altitude_m}
                     for zone in scenario.map.no_fly
@@ -335,6 +336,18 @@ class Encoder:
             name: None if isinstance(row[name], float) and math.isnan(row[name]) else row[name]
             for name in EPISODES
         } | {"duration_us": round(row["duration_s"] * US)}
+
+
+def _city(city: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Return the buildings of a city to a decimetre, the lower ones first."""
+    if city is None:
+        return None
+    order = sorted(range(len(city["roofs_m"])), key=city["roofs_m"].__getitem__)
+    return {
+        "attribution": city["attribution"],
+        "roofs_m": [round(city["roofs_m"][k], 1) for k in order],
+        "pieces_m": [[[round(x, 1), round(y, 1)] for x, y in city["pieces_m"][k]] for k in order],
+    }
 
 
 def fork_in(manifest: dict[str, Any]) -> dict[str, int] | None:

@@ -2,11 +2,16 @@
 
 const MARGIN = 14;
 
+/** The heights of all buildings, or of the cells in which they are. */
+export function roofs(map) {
+  return map.city ? map.city.roofs_m : map.cell_height_m.flat().filter((height) => height > 0);
+}
+
 export class Camera {
   constructor(run) {
     const [width, depth] = run.map.size_m;
     this.size = { width, depth };
-    this.tallest = Math.max(1, ...run.map.cell_height_m.map((column) => Math.max(...column)));
+    this.tallest = Math.max(1, ...roofs(run.map));
     this.tilted = false;
     this.following = false; // then it may look beyond the edge of the map
     this.width = this.height = 1;

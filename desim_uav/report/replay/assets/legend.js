@@ -1,5 +1,6 @@
 // The legend: a sample and a name of everything that is drawn on the map.
 
+import { roofs } from "./camera.js";
 import { drawBattery, drawBody, drawCross, drawFrame, drawRing } from "./drones.js";
 import { droneColour, userWord, words } from "./palette.js";
 import { drawMast } from "./points.js";
@@ -104,7 +105,7 @@ export class Legend {
 
   #fillGround(list) {
     const { run } = this;
-    const heights = run.map.cell_height_m.flat().filter((height) => height > 0);
+    const heights = roofs(run.map);
     if (run.map.stations.length) {
       this.#row(list, "charging station", (ctx, theme) => {
         ctx.translate(X, Y);
@@ -128,6 +129,7 @@ export class Legend {
         });
       });
     }
+    if (run.map.city?.attribution) this.#row(list, run.map.city.attribution, () => {});
     const [east, north] = run.wind_mps;
     if (east || north) {
       const mps = Math.hypot(east, north);

@@ -4,6 +4,22 @@ import { between } from "./palette.js";
 
 const at = [0, 0, 0];
 
+/** The footprints of a city; their edges are drawn, too, so that no seams are seen. */
+function drawFootprints(ctx, { pieces_m: pieces, roofs_m: heights }, camera, theme) {
+  ctx.lineWidth = 0.5;
+  pieces.forEach((corners, k) => {
+    ctx.beginPath();
+    for (const [x, y] of corners) {
+      camera.project(x, y, 0, at);
+      ctx.lineTo(at[0], at[1]);
+    }
+    ctx.closePath();
+    ctx.fillStyle = ctx.strokeStyle = roof(theme, heights[k] / camera.tallest);
+    ctx.fill();
+    ctx.stroke();
+  });
+}
+
 export function drawFlatGround(ctx, run, camera, theme) {
   const { size_m: [width, depth], cells: [nx, ny], cell_height_m: heights } = run.map;
   const [left, bottom] = camera.project(0, 0, 0, at);
@@ -15,7 +31,8 @@ export function drawFlatGround(ctx, run, camera, theme) {
   ctx.font = "11px system-ui, sans-serif";
   ctx.textBaseline = "top";
   ctx.textAlign = "left";
-  for (let ix = 0; ix < nx; ix += 1) {
+  if (run.map.city) drawFootprints(ctx, run.map.city, camera, theme);
+  for (let ix = 0; ix < nx && !run.map.city; ix += 1) {
     for (let iy = 0; iy < ny; iy += 1) {
       const height = heights[ix][iy];
       if (height <= 0) continue;

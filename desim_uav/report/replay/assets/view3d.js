@@ -36,6 +36,10 @@ export function drawTiltedGround(ctx, run, camera, theme) {
 export function drawBuildings(ctx, run, camera, theme) {
   const { size_m: [width, depth], cells: [nx, ny], cell_height_m: heights } = run.map;
   const [dx, dy] = [width / nx, depth / ny];
+  if (run.map.city) {
+    drawPrisms(ctx, run.map.city, camera, theme);
+    return;
+  }
   const boxes = [];
   for (let ix = 0; ix < nx; ix += 1) {
     for (let iy = 0; iy < ny; iy += 1) {
@@ -50,6 +54,38 @@ export function drawBuildings(ctx, run, camera, theme) {
   ctx.lineWidth = 1;
   for (const [, x, y, height] of boxes) drawBox(ctx, camera, theme, [x, y, dx, dy, height]);
   ctx.globalAlpha = 1;
+}
+
+/** The buildings of a city, those behind first, with the walls that look to the viewer. */
+function drawPrisms(ctx, { pieces_m: pieces, roofs_m: heights }, camera, theme) {
+  const order = pieces.map((corners, k) => [camera.depth(...middle(corners), 0), corners, heights[k]]);
+  order.sort((a, b) => b[0] - a[0]);
+  ctx.lineWidth = 0.5;
+  for (const [, corners, height] of order) {
+    const top = roof(theme, 0.25 + (0.75 * height) / camera.tallest);
+    corners.forEach(([x0, y0], k) => {
+      const [x1, y1] = corners[(k + 1) % corners.length];
+      const facing = (x1 - x0) * camera.cosYaw + (y1 - y0) * camera.sinYaw;
+      if (facing <= 0) return;
+      ctx.beginPath();
+      for (const [px, py, z] of [[x0, y0, 0], [x1, y1, 0], [x1, y1, height], [x0, y0, height]]) {
+        camera.project(px, py, z, at);
+        ctx.lineTo(at[0], at[1]);
+      }
+      ctx.closePath();
+      ctx.fillStyle = between(top, "#101418", 0.18 + 0.14 * (1 - facing / Math.hypot(x1 - x0, y1 - y0)));
+      ctx.fill();
+    });
+    polygon(ctx, camera, corners, height);
+    ctx.fillStyle = ctx.strokeStyle = top;
+    ctx.fill();
+    ctx.stroke();
+  }
+}
+
+function middle(corners) {
+  const sum = corners.reduce(([x, y], [px, py]) => [x + px, y + py], [0, 0]);
+  return sum.map((value) => value / corners.length);
 }
 
 function drawBox(ctx, camera, theme, [x, y, dx, dy, height]) {
