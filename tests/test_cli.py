@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[1]
 SHIPPED = [
     *(f"case{k}" for k in range(1, 10)),
     *("charging_age", "delivery_watch", "edge", "festival", "harvest", "interference"),
-    *("street_canyon", "tiny", "urban_downlink"),
+    *("old_town", "street_canyon", "tiny", "urban_downlink"),
 ]
 SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")
 SMALL_SAID = "episode.steps=8-users.count=12"
