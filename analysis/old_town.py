@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.city.projection import Projection
+from desim_uav.geodata.projection import Projection
 
 FILE = Path(__file__).resolve().parents[1] / "scenarios" / "old_town.geojson"
 SIDE_M = 600.0

@@ -64,19 +64,12 @@ class World(Unchanging):
 
     def _facts(self) -> Pairs:
         """Return what was drawn, in words."""
-        built = self.grid.height_m[self.grid.height_m > 0.0]
-        buildings = f"in {len(built)} of {self.grid.height_m.size} cells"
         clusters = f", in {len(self.clusters)} cluster(s)" if len(self.clusters) else ""
-        if len(self.grid.city):
-            pieces, tallest_m = len(self.grid.city), self.grid.city.tallest_m
-            buildings = f"{pieces} convex pieces, up to {tallest_m:.1f} m tall; {buildings} blocked"
-        elif len(built):
-            buildings += f", {built.min():.1f} to {built.max():.1f} m tall"
         return [
             ("map", f"{self.grid.width_m:g} × {self.grid.depth_m:g} m"),
             ("cells", " × ".join(map(str, self.grid.height_m.shape))),
             ("levels", ", ".join(f"{level:g}" for level in self.grid.levels_m) + " m"),
-            ("buildings", buildings if self.grid.tallest_m else "none"),
+            ("buildings", self.grid.buildings),
             ("stations", _cells(self.stations)),
             ("drones", _cells(self.starts)),
             ("users", f"{len(self.homes)}" + clusters),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.city.projection import Projection
+from desim_uav.geodata.projection import Projection
 from desim_uav.model.traces import Version, bytes_of, version_of
 
 MOST_BYTES = 96 * 2**20

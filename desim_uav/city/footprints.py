@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from desim_uav.city.extract import Element, Extract, Group, read_extract
 from desim_uav.city.heights import Heights
-from desim_uav.city.projection import Projection
+from desim_uav.geodata.projection import Projection
 from desim_uav.model.geometry.city import City
 from desim_uav.model.geometry.polygons import Polygon, area, joined
 from desim_uav.model.traces import Version, version_of

@@ -13,8 +13,8 @@ from desim_uav.city.extract import read_extract
 from desim_uav.city.footprints import city_of, convex_pieces, read_city
 from desim_uav.city.heights import Heights, metres
 from desim_uav.city.osm import LICENCE, rings_of
-from desim_uav.city.projection import Projection
 from desim_uav.errors import ScenarioError
+from desim_uav.geodata.projection import Projection
 from desim_uav.model.geometry.city import City
 from desim_uav.model.geometry.polygons import area
 from desim_uav.scenario.load import from_mapping

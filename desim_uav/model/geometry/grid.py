@@ -41,6 +41,16 @@ class Grid(Unchanging):
         return nx, ny
 
     @property
+    def buildings(self) -> str:
+        """How many buildings there are, and how tall they are, in words."""
+        built = self.height_m[self.height_m > 0.0]
+        cells = f"in {len(built)} of {self.height_m.size} cells"
+        if len(self.city):
+            tallest = f"up to {self.city.tallest_m:.1f} m tall"
+            return f"{len(self.city)} convex pieces, {tallest}; {cells} blocked"
+        return f"{cells}, {built.min():.1f} to {built.max():.1f} m tall" if len(built) else "none"
+
+    @property
     def tallest_m(self) -> float:
         """The height of the tallest building in metres; 0 without any."""
         return max(float(self.height_m.max(initial=0.0)), self.city.tallest_m)
