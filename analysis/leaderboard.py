@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -39,7 +38,8 @@ from desim_uav.experiment.bench.run import submit
 from desim_uav.experiment.bench.submission import Submission, read
 from desim_uav.experiment.bench.tasks import FAMILIES, TRACKS, BenchTrack, Task, find_task
 from desim_uav.experiment.bench.verify import differences
-from desim_uav.experiment.processes import run_each
+from desim_uav.experiment.interrupt import end_politely
+from desim_uav.experiment.processes import run_each, run_script
 from desim_uav.policies.mlp import MlpFile
 from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.load import loads
@@ -197,6 +197,7 @@ def main() -> int:
     parser.add_argument("--pages", action="store_true", help="only write the pages")
     parser.add_argument("parts", nargs="*", metavar="PART", help="make only parts with such names")
     asked = parser.parse_args()
+    end_politely()
     try:
         unlike = make(asked.parts, asked.jobs, only_list=asked.list, only_pages=asked.pages)
     except DesimError as error:
@@ -296,11 +297,9 @@ def trained(training: Training) -> float:
         options = ["--seed", str(training.seed), "--out", str(new / "policy.npz")]
         options += [*SETTINGS, *NETWORKS[learner], *own_reward(task)]
         words = [str(ROOT / "policies" / "ppo.py"), str(task.path), *options]
-        ended = subprocess.run(
-            [sys.executable, *words], check=False, capture_output=True, text=True
-        )
-        if ended.returncode != 0:
-            raise SimulationError(f"{training.name}: {ended.stderr.strip() or 'it has failed'}")
+        code, said = run_script(words)
+        if code != 0:
+            raise SimulationError(f"{training.name}: {said.strip() or 'it has failed'}")
     else:
         du.train(
             task.path, algorithm=learner, seed=training.seed, world_seed=0, progress=False

@@ -3,10 +3,13 @@
 import importlib
 import json
 import math
+import os
 import re
 import runpy
 import shutil
+import signal
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +24,7 @@ from desim_uav.experiment.bench.submission import read
 from desim_uav.experiment.bench.tasks import tasks
 from desim_uav.experiment.bench.verify import differences
 from desim_uav.experiment.compare_runs import compare_runs
+from desim_uav.experiment.interrupt import asking
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from tests.run_to_folder import run_to_folder
@@ -506,13 +510,24 @@ def test_the_leaderboard_is_made_once_and_what_was_changed_is_made_anew(leaderbo
     assert lead()[0] == 0 and lead("--list")[1].strip() == ""
 
 
+@pytest.fixture
+def handlers():
+    """Leave the handling of signals as it was."""
+    before = {number: signal.getsignal(number) for number in asking()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 @pytest.mark.thorough
-def test_an_interrupted_leaderboard_goes_on(leaderboard, lead, monkeypatch):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_leaderboard_goes_on(leaderboard, lead, monkeypatch, handlers, number):
     flown, calls = leaderboard.flown, []
 
     def interrupted(entry):
         if calls:
-            raise KeyboardInterrupt
+            os.kill(os.getpid(), number)
+            time.sleep(60)
         calls.append(entry.name)
         return flown(entry)
 
