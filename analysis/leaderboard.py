@@ -28,6 +28,7 @@ from typing import Any
 
 import leaderboard_pages
 import yaml
+from leaderboard_pages import Planned
 from leaderboard_times import Times, spent_s
 
 import desim_uav as du
@@ -239,12 +240,16 @@ def make(parts: Sequence[str], jobs: int, *, only_list: bool, only_pages: bool) 
 
 def _write(times: Times) -> None:
     """Write the pages of the submissions that are there."""
-    since_s, planned = spent_s(), entries()
-    there = [submission for one in planned if (submission := one.submission()) is not None]
+    since_s, planned = spent_s(), {one: one.submission() for one in entries()}
+    there = [submission for submission in planned.values() if submission is not None]
+    plan = [
+        Planned(one.task, one.track.name, one.contender.name, submission is not None)
+        for one, submission in planned.items()
+    ]
 
     def costs() -> str:
         times.add("pages", "pages", spent_s() - since_s, anew=True)
-        return leaderboard_pages.costs(len(there), len(planned), times)
+        return leaderboard_pages.costs(plan, times)
 
     leaderboard_pages.write(PAGES, there, _checks(), costs)
     print(f"{PAGES}: {len(there)} of {len(planned)} submissions")
