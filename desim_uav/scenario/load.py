@@ -128,6 +128,19 @@ def from_mapping(
     return _resolved(ScenarioDraft(source, data), base, overrides)
 
 
+def component_alone(key: str, plain: Mapping[str, Any], source: str) -> Any:
+    """Return the component that plain data describe, whatever scenario it is used in.
+
+    ``key`` is its key in a scenario file. What depends on other keys is not checked. Raises
+    ScenarioError for wrong settings.
+    """
+    draft = ScenarioDraft(source, {key: plain_copy(plain)})
+    scenario = _valid(draft, None)
+    if scenario is None or draft.problems:
+        raise ScenarioError(*draft.problems)
+    return getattr(scenario, key)
+
+
 def dump(scenario: Scenario) -> str:
     """Return a scenario as YAML text with every key. Loading the text gives the same scenario."""
     return yaml.dump(
@@ -226,6 +239,18 @@ def _resolved(draft: ScenarioDraft, base: Path | None, overrides: Sequence[str])
     defaults = to_plain(Scenario()) if overrides else {}
     for number, override in enumerate(overrides):
         draft.override(number, override, defaults)
+    scenario = _valid(draft, base)
+    if scenario is not None:
+        for finding in islice(findings(scenario), MAX_PROBLEMS):
+            if not draft.depends_on_refused((finding.path, *finding.also)):
+                draft.at(finding.path, finding.message, finding.also)
+    if scenario is None or draft.problems:
+        raise ScenarioError(*draft.problems)
+    return scenario
+
+
+def _valid(draft: ScenarioDraft, base: Path | None) -> Scenario | None:
+    """Return the scenario of a draft, without checks of keys against each other, or None."""
     draft.clean()
     for path in draft.doubtful:
         if draft.has(path):
@@ -233,12 +258,6 @@ def _resolved(draft: ScenarioDraft, base: Path | None, overrides: Sequence[str])
     scenario = None
     while scenario is None and not draft.hopeless:
         scenario = _validated(draft, base)
-    if scenario is not None:
-        for finding in islice(findings(scenario), MAX_PROBLEMS):
-            if not draft.depends_on_refused((finding.path, *finding.also)):
-                draft.at(finding.path, finding.message, finding.also)
-    if scenario is None or draft.problems:
-        raise ScenarioError(*draft.problems)
     return scenario
 
 
