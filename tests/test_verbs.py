@@ -35,6 +35,7 @@ VERBS = {
     "replay": [du.write_replay],
     "report": [du.write_report],
     "plot": [du.plot],
+    "levels": [du.write_levels],
     "video": [du.film],
     "gallery": [files.gallery],
     "doctor": [files.doctor],
