@@ -1,0 +1,64 @@
+"""A flight of the gallery, flown in the simulator: free flight from place to place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from desim_uav.experiment.run import Results, run
+from desim_uav.model.state import Observation
+from desim_uav.policies.function import FunctionPolicy
+from desim_uav.scenario.load import from_mapping
+from desim_uav.world import build_world
+
+SPEED_MPS, ACCELERATION_MPS2 = 50.0, 10_000.0
+"""The papers' drones turn and stop at once. Here, a stop takes 5 ms."""
+
+STOP_S = SPEED_MPS / ACCELERATION_MPS2
+
+Place = tuple[float, float]
+
+
+def flown(
+    scenario: Mapping[str, Any],
+    side_m: float,
+    stops: Sequence[tuple[Place, float]],
+    hover_s: float = 1.0,
+) -> Results:
+    """Return the tables of a flight of one drone on a square map.
+
+    Args:
+        scenario: The keys of the scenario, without the map's size and how the drone flies.
+        side_m: The side of the map in metres.
+        stops: The places that the drone flies to, and for how long it hovers at each of them, in
+            seconds: a multiple of ``hover_s``.
+        hover_s: The time after which a hovering drone is asked again, in seconds.
+    """
+    motion = {
+        "space": "free",
+        "reach": "map",
+        "max_speed_mps": SPEED_MPS,
+        "max_acceleration_mps2": ACCELERATION_MPS2,
+    }
+    changes = {
+        "map": {**scenario["map"], "size_m": [side_m, side_m], "dimensions": 2},
+        "drones": {**scenario["drones"], "count": 1, "battery": None, "motion": motion},
+        "stations": {"count": 0},
+        "decisions": {"kind": "event", "patience_s": hover_s},
+    }
+    world = build_world(from_mapping({**scenario, **changes}), 0)
+    commands = _commands(side_m, stops, hover_s)
+
+    def choose(observation: Observation, mask: Sequence[bool]) -> str | list[float]:
+        return next(commands, "hover")
+
+    return run(world, FunctionPolicy(choose), "flown", 0, keep_events=True)
+
+
+def _commands(
+    side_m: float, stops: Sequence[tuple[Place, float]], hover_s: float
+) -> Iterator[str | list[float]]:
+    for place, lasts_s in stops:
+        yield [2.0 * along_m / side_m - 1.0 for along_m in place]
+        for _ in range(round(lasts_s / hover_s)):
+            yield "hover"
