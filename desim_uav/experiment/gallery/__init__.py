@@ -100,6 +100,7 @@ ENTRIES = {
         "Wu, Zeng, Zhang: Joint trajectory and communication design for multi-UAV enabled wireless "
         "networks. IEEE Transactions on Wireless Communications 17(3), 2018",
         wu_2018.rows,
+        wu_2018.draw,
     ),
     "zhang_2017": Entry(
         "Zhang, Zeng, Zhang: Cellular-enabled UAV communication: trajectory optimization under "

@@ -22,17 +22,15 @@ Place = tuple[float, float]
 def flown(
     scenario: Mapping[str, Any],
     side_m: float,
-    stops: Sequence[tuple[Place, float]],
-    hover_s: float = 1.0,
+    stops: Sequence[tuple[Place, int]],
 ) -> Results:
     """Return the tables of a flight of one drone on a square map.
 
     Args:
         scenario: The keys of the scenario, without the map's size and how the drone flies.
         side_m: The side of the map in metres.
-        stops: The places that the drone flies to, and for how long it hovers at each of them, in
-            seconds: a multiple of ``hover_s``.
-        hover_s: The time after which a hovering drone is asked again, in seconds.
+        stops: The places that the drone flies to, and for how many seconds it hovers at each. After
+            the last one it hovers until the end of the episode.
     """
     motion = {
         "space": "free",
@@ -44,10 +42,10 @@ def flown(
         "map": {**scenario["map"], "size_m": [side_m, side_m], "dimensions": 2},
         "drones": {**scenario["drones"], "count": 1, "battery": None, "motion": motion},
         "stations": {"count": 0},
-        "decisions": {"kind": "event", "patience_s": hover_s},
+        "decisions": {"kind": "event", "patience_s": 1},
     }
     world = build_world(from_mapping({**scenario, **changes}), 0)
-    commands = _commands(side_m, stops, hover_s)
+    commands = _commands(side_m, stops)
 
     def choose(observation: Observation, mask: Sequence[bool]) -> str | list[float]:
         return next(commands, "hover")
@@ -55,10 +53,8 @@ def flown(
     return run(world, FunctionPolicy(choose), "flown", 0, keep_events=True)
 
 
-def _commands(
-    side_m: float, stops: Sequence[tuple[Place, float]], hover_s: float
-) -> Iterator[str | list[float]]:
+def _commands(side_m: float, stops: Sequence[tuple[Place, int]]) -> Iterator[str | list[float]]:
     for place, lasts_s in stops:
         yield [2.0 * along_m / side_m - 1.0 for along_m in place]
-        for _ in range(round(lasts_s / hover_s)):
+        for _ in range(lasts_s):
             yield "hover"

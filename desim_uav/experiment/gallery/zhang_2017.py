@@ -218,7 +218,7 @@ def simulated(target_db: float, wider_m: float) -> tuple[float, float]:
         "users": {"positions_m": stations().tolist(), "mobility": {"kind": "static"}},
         "episode": {"steps": 10, "step_s": 60},
     }
-    tables = flown(scenario, SIDE_M, [(place, 0.0) for place in flight.places[1:]])
+    tables = flown(scenario, SIDE_M, [(place, 0) for place in flight.places[1:]])
     assert tables.events is not None
     arrivals = tables.events.loc[tables.events["kind"] == "arrive", "t_us"]
     end_us = int(arrivals.iloc[len(flight.places) - 2])
