@@ -23,6 +23,7 @@ def flown(
     scenario: Mapping[str, Any],
     side_m: float,
     stops: Sequence[tuple[Place, int]],
+    speed_mps: float = SPEED_MPS,
 ) -> Results:
     """Return the tables of a flight of one drone on a square map.
 
@@ -31,21 +32,23 @@ def flown(
         side_m: The side of the map in metres.
         stops: The places that the drone flies to, and for how many seconds it hovers at each. After
             the last one it hovers until the end of the episode.
+        speed_mps: How fast it flies.
     """
     motion = {
         "space": "free",
         "reach": "map",
-        "max_speed_mps": SPEED_MPS,
+        "max_speed_mps": speed_mps,
         "max_acceleration_mps2": ACCELERATION_MPS2,
     }
     changes = {
         "map": {**scenario["map"], "size_m": [side_m, side_m], "dimensions": 2},
-        "drones": {**scenario["drones"], "count": 1, "battery": None, "motion": motion},
-        "stations": {"count": 0},
+        "drones": {"battery": None, **scenario["drones"], "count": 1, "motion": motion},
+        "stations": {"count": 1 if "battery" in scenario["drones"] else 0},
         "decisions": {"kind": "event", "patience_s": 1},
     }
     world = build_world(from_mapping({**scenario, **changes}), 0)
-    commands = _commands(side_m, stops)
+    wishes = [-1.0] * (world.scenario.fleet[0].battery is not None)
+    commands = _commands(side_m, stops, wishes)
 
     def choose(observation: Observation, mask: Sequence[bool]) -> str | list[float]:
         return next(commands, "hover")
@@ -53,8 +56,10 @@ def flown(
     return run(world, FunctionPolicy(choose), "flown", 0, keep_events=True)
 
 
-def _commands(side_m: float, stops: Sequence[tuple[Place, int]]) -> Iterator[str | list[float]]:
+def _commands(
+    side_m: float, stops: Sequence[tuple[Place, int]], wishes: Sequence[float]
+) -> Iterator[str | list[float]]:
     for place, lasts_s in stops:
-        yield [2.0 * along_m / side_m - 1.0 for along_m in place]
+        yield [*(2.0 * along_m / side_m - 1.0 for along_m in place), *wishes]
         for _ in range(lasts_s):
             yield "hover"
