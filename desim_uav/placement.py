@@ -53,12 +53,13 @@ def draw_city(
 ) -> tuple[City, NDArray[np.float64]]:
     """Return the city of a map, and up to which height each cell (nx, ny) is blocked for flight.
 
-    Cells that are kept free have no drawn buildings. Raises ScenarioError if buildings of a file
+    Without a city that is the tallest building of the cell (``draw_buildings``). Cells that are
+    kept free have no drawn buildings. Raises ScenarioError if buildings of a file
     stand there, or if the free cells are not connected, at the lowest level.
     """
     buildings, the_map = scenario.map.buildings, scenario.map
     if buildings is None or not scenario.three_d:
-        return NO_CITY, np.zeros(the_map.cells)
+        return NO_CITY, draw_buildings(scenario, seed, kept_free)
     from desim_uav.city.footprints import cell_heights
 
     if isinstance(buildings, BuildingsOfItu):

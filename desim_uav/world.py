@@ -19,7 +19,6 @@ from desim_uav.model.backhaul import Backhaul
 from desim_uav.model.catalogue import Catalogue
 from desim_uav.model.demand.requests import Requests, joined_episodes
 from desim_uav.model.energy.charging import Charging
-from desim_uav.model.geometry.city import NO_CITY
 from desim_uav.model.geometry.grid import Cell, Grid, altitudes
 from desim_uav.model.mobility.walking import ManyRowWalks, RowMobility, RowWalks, compiled_walk
 from desim_uav.model.mobility.walks import Area, Walks, joined_walks
@@ -30,7 +29,7 @@ from desim_uav.model.observations import Feature
 from desim_uav.model.random.streams import Purpose, Seeds
 from desim_uav.model.rules import US, Choice
 from desim_uav.model.state import Facts
-from desim_uav.placement import draw_buildings, draw_city, draw_clusters, draw_homes
+from desim_uav.placement import draw_city, draw_clusters, draw_homes
 from desim_uav.registry import naming_plug_ins
 from desim_uav.scenario import cost, layout
 from desim_uav.scenario.epochs import most_epochs
@@ -412,18 +411,13 @@ def build_world(scenario: Scenario, seed: int) -> World:
     """
     cost.check_cost(scenario)
     stations, starts = layout.station_cells(scenario), layout.start_cells(scenario)
-    city, height_m = NO_CITY, draw_buildings(scenario, seed, {*stations, *starts})
-    if scenario.map.buildings is not None:
-        city, height_m = draw_city(scenario, seed, {*stations, *starts})
+    city, height_m = draw_city(scenario, seed, {*stations, *starts})
     levels = scenario.map.levels
     levels_m: tuple[float, ...] = (levels.min_altitude_m,)
-    under_ceiling = 1
+    under_ceiling, tallest_m = 1, max(height_m.max(), city.tallest_m)
     if scenario.three_d:
         levels_m, under_ceiling = altitudes(
-            levels.min_altitude_m,
-            levels.step_m,
-            max(height_m.max(), city.tallest_m),
-            levels.max_altitude_m,
+            levels.min_altitude_m, levels.step_m, tallest_m, levels.max_altitude_m
         )
     width_m, depth_m = scenario.map.size_m
     grid = Grid(width_m, depth_m, height_m, levels_m, levels.step_m, under_ceiling, city)

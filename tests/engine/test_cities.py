@@ -19,6 +19,7 @@ from desim_uav.model.geometry.prisms import first_entry, obstacles
 from desim_uav.model.geometry.roads import roads
 from desim_uav.run_folder import read_scenario
 from desim_uav.sample_path import draw
+from desim_uav.scenario.doubts import doubts
 from desim_uav.scenario.load import dump, from_mapping, loads, scenario_hash
 from desim_uav.world import World, build_world
 from tests.audit.invariants import audit
@@ -118,6 +119,12 @@ def test_synthetic_cities_have_the_three_numbers_and_depend_on_the_seed_of_the_w
     assert len(one) == pytest.approx(300 * 12, rel=0.06)  # those of start cells are left out
     assert one.roofs_m.mean() == pytest.approx(20 * (np.pi / 2) ** 0.5, rel=0.03)
     assert one.tallest_m <= 80.0
+
+
+def test_what_is_assumed_of_buildings_is_said(tmp_path: Path) -> None:
+    geojson(tmp_path / "a.geojson", ([box(200, 200, 20, 20)], {"building": "yes"}))
+    scenario = from_mapping(mapping(file="a.geojson", origin=[0, 0]), base=tmp_path)
+    assert [one for one in doubts(scenario) if "neither a height nor levels" in one]
 
 
 def test_obstacles_and_buildings_are_not_both_given() -> None:
