@@ -149,3 +149,19 @@ def mark_cells(
         patch = Rectangle(corner, width / nx, depth / ny, label=name, **look)
         patch.set_in_layout(False)
         axes.add_patch(patch)
+
+
+def mark_buildings(axes: Axes, content: dict[str, Any], world: World, **look: Any) -> None:
+    """Mark the cells of buildings, or the walls of a city, with one entry in the legend."""
+    if not len(world.grid.city):
+        built = np.asarray(content["cell_height_m"], np.float64) > 0.0
+        mark_cells(axes, content, built, "building", **look)
+        return
+    city, walls = world.grid.city, []
+    for corners, inner in zip(city.pieces_m, city.inner, strict=True):
+        edges = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        walls += list(edges[~inner])
+    width = 0.7 * look.get("linewidth", 1.0)
+    lines = LineCollection(walls, color=look["edgecolor"], linewidth=width, label="building")
+    lines.set_zorder(look.get("zorder", 1.5))
+    axes.add_collection(lines, autolim=False)

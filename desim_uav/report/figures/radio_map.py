@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from desim_uav.model.rules import US
 from desim_uav.palette import drone_colour
-from desim_uav.report.figures.map import draw_cells, draw_zones, mark_cells
+from desim_uav.report.figures.map import draw_cells, draw_zones, mark_buildings
 from desim_uav.report.figures.radio import INK, MAST, SHADES
 from desim_uav.report.figures.style import MOST_NAMED, Figure, grid_of, headed, styled
 from desim_uav.report.levels import LinksInTime
@@ -72,8 +72,7 @@ def _draw(axes: Axes, run: Run, frame: pd.DataFrame, kind: str, mean: bool) -> N
         name = kind.removesuffix("_db").upper()
         axes.set_title(f"{'mean ' if mean else ''}{name} of the best link, dB")
     axes.grid(visible=False, which="both")
-    built = np.asarray(run.map["cell_height_m"], np.float64) > 0.0
-    mark_cells(axes, run.map, built, "building", **WALLS)
+    mark_buildings(axes, run.map, run.world, **WALLS)
     draw_zones(axes, run.world)
 
 
