@@ -33,3 +33,6 @@ def test_with_more_to_send_it_pays_to_fly_nearer():
     above = fly_hover.above_nodes(1e9)
     assert 0.99 * above.energy_j < much.energy_j < above.energy_j
     assert fly_hover.from_one_place(1e9).energy_j > 1.2 * above.energy_j
+    plans = (fly_hover.optimised, fly_hover.from_one_place, fly_hover.above_nodes)
+    energies = [one(300e6).energy_j for one in plans]
+    assert energies == sorted(energies) and len(set(energies)) == 3
