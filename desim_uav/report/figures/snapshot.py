@@ -154,7 +154,7 @@ def _draw_city(axes: Any, city: dict[str, Any]) -> None:
         faces.append([(x, y, roof) for x, y in corners])
         for (x0, y0), (x1, y1) in zip(corners, [*corners[1:], corners[0]], strict=True):
             faces.append([(x0, y0, 0), (x1, y1, 0), (x1, y1, roof), (x0, y0, roof)])
-    look: dict[str, Any] = {"facecolors": "0.85", "edgecolors": "face", "linewidths": 0.2}
+    look: dict[str, Any] = {"facecolors": "0.85", "linewidths": 0.0}
     axes.add_collection3d(Poly3DCollection(faces, shade=True, zorder=5, label="building", **look))
 
 
