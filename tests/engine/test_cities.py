@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -184,3 +186,17 @@ def test_free_flight_stops_before_houses_and_returns_round_them(tmp_path: Path) 
     network = roads(prisms, 5.0, np.array([[490.0, 12.0]]), (500.0, 400.0))
     corner = int(np.argmin(np.hypot(*(network.nodes_m - (129.0, 61.0)).T)))
     assert 365.0 < network.lengths_m[0, corner] < 430.0
+
+
+@pytest.mark.thorough
+def test_a_world_without_a_city_does_not_import_shapely() -> None:
+    code = (
+        "import sys\n"
+        "from desim_uav.scenario.load import load\n"
+        "from desim_uav.world import build_world\n"
+        "build_world(load('case8'), 0)\n"
+        "assert 'shapely' not in sys.modules\n"
+        "build_world(load('old_town'), 0)\n"
+        "assert 'shapely' in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
