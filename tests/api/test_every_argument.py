@@ -336,6 +336,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "drone": WHOLE | {"int": 0},
     "user": SEVERAL,
     "RunResult.levels.drone": SEVERAL,
+    "RunResult.levels.seed": {"int": 0, "NoneType": None},
     "every_s": {"float": 30.0, "NoneType": None},
     "at_s": {"float": 30.0, "Sequence of float": [0.0, 30.0], "NoneType": None},
     "points": {"int": 5},
