@@ -186,7 +186,7 @@ def step_all(
     the index of an action, no environment is stepped, and the number is -1. ``scratch`` is as in
     ``run``. While an environment is stepped, the first ``fetched`` bytes of the state of the next
     one are fetched (see ``fetching``), which is worth its time if all states do not fit in the
-    processor's second-level cache.
+    processor's caches; each is then also looked at while it is there.
     """
     for k in range(len(environments)):
         actions = len(constants_at(environments[k, 0]).moves)
@@ -201,14 +201,16 @@ def step_all(
             use_scratch(own, scratch)
             for d in range(commands.shape[1]):
                 own.drones[d].command = commands[k, d]
-            begin_fetching(own, following[1], following[2], fetched)
+            if fetched > 0:
+                begin_fetching(own, following[1], following[2], fetched)
             over = bytes_at(row[OVER], 3)
             over[2] = True  # in case that a component of one's own fails
             call(world.run, (world, path_at(row[1]), own, STEP))
             over[2] = False
-            end_fetching(own)
-            stopped += _look_at_row(row)
-    return stopped
+            if fetched > 0:
+                end_fetching(own)
+                stopped += _look_at_row(row)
+    return stopped if fetched > 0 else look_at_all(environments, which)
 
 
 @kernel

@@ -27,11 +27,10 @@ def begin_fetching(state: State, path: int, next_state: int, size: int) -> None:
 
     They are fetched while ``state`` is stepped.
     """
-    if size > 0:
-        state.fetch_at, state.fetch_end = path, path + PATH
-        fetch(state)
-        state.fetch_at, state.fetch_end = next_state, next_state + size
-        fetch(state)
+    state.fetch_at, state.fetch_end = path, path + PATH
+    fetch(state)
+    state.fetch_at, state.fetch_end = next_state, next_state + size
+    fetch(state)
 
 
 @rare_rule
