@@ -87,7 +87,7 @@ def scenario(seed: int, mixed: bool = False) -> dict[str, Any]:
     made["drones"] = _mixed_types(made, own, dice) if mixed else _types(made, own, dice)
     made["stations"] = _stations(made["drones"], dice)
     made["users"]["mobility"] = dice.of(*WALKS)
-    if seed >= 100 and Dice(seed + 1_700_000).of(True, *[False] * 8):
+    if seed % 10_000 >= 100 and Dice(seed + 1_700_000).of(True, *[False] * 8):
         made["users"]["mobility"] = _streets(made["map"]["size_m"], Dice(seed + 1_800_000))
     offered = made["services"]
     volumes = any(each["kind"] == "transfer" for each in offered.values())
