@@ -10,6 +10,8 @@ import simpy
 Process = Generator[simpy.Event, Any, None]
 """A generator that SimPy runs as a process."""
 
+_schedule = simpy.Environment.schedule
+
 
 class Due(simpy.Event):
     """A SimPy event that is scheduled for a time and with a key (see ``rules.due.key``).
@@ -22,9 +24,7 @@ class Due(simpy.Event):
     def happen(self, t_us: int, key: int) -> None:
         """Schedule the event for a time; ``key`` is its rank in that instant."""
         self.t_us, self.key, self.valid = t_us, key, True
-        self._ok, self._value = True, None
-        rank: Any = key  # SimPy has names for some priorities, but takes any number
-        self.env.schedule(self, rank, t_us - self.env.now)
+        self.succeed()
 
 
 class Clock(simpy.Environment):
@@ -43,6 +43,12 @@ class Clock(simpy.Environment):
         super().__init__(initial_time=now_us)
         self.events = [Due(self) for _ in range(slots)]
         self._end = Due(self)
+
+    def schedule(self, event: simpy.Event, priority: Any = 1, delay: Any = 0) -> None:
+        """Schedule an event; a ``Due`` has its own time and priority."""
+        if event.__class__ is Due:
+            priority, delay = event.key, event.t_us - self.now
+        _schedule(self, event, priority, delay)
 
     def due(self, slot: int, t_us: int, key: int) -> None:
         """Schedule the event of a slot for a time; ``key`` is its rank in that instant."""
