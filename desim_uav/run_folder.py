@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 200
 UNSAFE = re.compile(r"[^A-Za-z0-9._=-]+")
-"""What a folder's name does not have."""
+"""Characters that are replaced in a folder's name."""
 
 MOST_OVERRIDES = 60
 """The characters of overrides in a folder's name; longer ones end with a digest of all."""

@@ -149,8 +149,8 @@ MUTATIONS = (
     Mutation(
         "events of one instant in the order in which they were scheduled, SimPy engine",
         "engine/des/clock.py",
-        "self.env.schedule(self, rank, t_us - self.env.now)",
-        "self.env.schedule(self, 1, t_us - self.env.now)",
+        "_schedule(self, event, priority, delay)",
+        "_schedule(self, event, 1, delay)",
         ("engine/test_crashes.py",),
     ),
     Mutation(

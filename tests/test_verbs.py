@@ -108,7 +108,7 @@ def test_the_help_of_a_command_is_that_of_its_verb(command):
 
 
 OF_TEXTS = {OneOf: "allowed: ", Label: "must be one line"}
-"""What is said of a text that is not allowed."""
+"""The message that refuses a text."""
 
 
 @pytest.mark.parametrize(("command", "name"), PARAMETERS)

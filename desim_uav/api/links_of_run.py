@@ -11,7 +11,7 @@ from desim_uav.typed import typed
 
 
 class LinksOfRun:
-    """What a result of runs says of their links."""
+    """The part of a result of runs that makes tables of their links."""
 
     @property
     def seeds(self) -> list[int]:

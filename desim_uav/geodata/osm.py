@@ -1,17 +1,13 @@
-"""Reads OpenStreetMap XML: nodes, ways and relations with their tags.
-
-Document types and entities are refused, so a file can neither name another one nor grow while it is
-read.
-"""
+"""Reads OpenStreetMap XML: nodes, ways and relations with their tags."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
-from xml.parsers import expat
 
 from desim_uav.errors import in_short
+from desim_uav.geodata.xml_reader import XmlReader
 
 LICENCE = "© OpenStreetMap contributors, ODbL 1.0 (https://www.openstreetmap.org/copyright)"
 """The attribution that the licence of OpenStreetMap's data asks for."""
@@ -45,26 +41,15 @@ class OsmFile(NamedTuple):
 def read(file: Path, content: bytes) -> OsmFile:
     """Return what a file has. Raises ValueError with the file and the line."""
     reader = _Reader(file)
-    parser = reader.parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = reader.refuse
-    parser.EntityDeclHandler = reader.refuse
-    parser.StartElementHandler = reader.begin
-    parser.EndElementHandler = reader.end
-    try:
-        parser.Parse(content, True)
-    except expat.ExpatError as error:
-        why = expat.ErrorString(error.code)
-        raise ValueError(f"{file}:{error.lineno}: it is not well-formed XML: {why}") from error
+    reader.parse(content)
     return OsmFile(reader.nodes, reader.ways, reader.relations)
 
 
-class _Reader:
+class _Reader(XmlReader):
     """Collects nodes, ways and relations while a file is parsed."""
 
-    parser: expat.XMLParserType
-
     def __init__(self, file: Path) -> None:
-        self.file = file
+        super().__init__(file)
         self.nodes: dict[str, Place] = {}
         self.ways: dict[str, Way] = {}
         self.relations: dict[str, Relation] = {}
@@ -72,14 +57,10 @@ class _Reader:
         self.relation: Relation | None = None
         self.depth = 0
 
-    def refuse(self, *_: object) -> None:
-        """Raise ValueError for a document type or an entity."""
-        raise self._error("a document type or entity is not allowed")
-
     def begin(self, tag: str, attributes: Mapping[str, str]) -> None:
         """Begin an element."""
         if self.depth == 0 and tag != "osm":
-            raise self._error(f"<{tag}>: expected <osm>, as OpenStreetMap writes")
+            raise self.error(f"<{tag}>: expected <osm>, as OpenStreetMap writes")
         self.depth += 1
         handler = self._handlers.get(tag)
         if handler is not None:
@@ -94,34 +75,34 @@ class _Reader:
             self.relation = None
 
     def _node(self, attributes: Mapping[str, str]) -> None:
-        name = self._text(attributes, "id", "node")
+        name = self.text("node", attributes, "id")
         try:
             self.nodes[name] = float(attributes["lon"]), float(attributes["lat"])
         except (KeyError, ValueError) as error:
             if attributes.get("action") == "delete" or attributes.get("visible") == "false":
                 return
-            raise self._error(f"node {in_short(name)}: lon and lat must be numbers") from error
+            raise self.error(f"node {in_short(name)}: lon and lat must be numbers") from error
 
     def _way(self, attributes: Mapping[str, str]) -> None:
-        self.way = self.ways[self._text(attributes, "id", "way")] = Way([], {})
+        self.way = self.ways[self.text("way", attributes, "id")] = Way([], {})
 
     def _relation(self, attributes: Mapping[str, str]) -> None:
-        name = self._text(attributes, "id", "relation")
+        name = self.text("relation", attributes, "id")
         self.relation = self.relations[name] = Relation([], {})
 
     def _nd(self, attributes: Mapping[str, str]) -> None:
         if self.way is not None:
-            self.way.nodes.append(self._text(attributes, "ref", "nd"))
+            self.way.nodes.append(self.text("nd", attributes, "ref"))
 
     def _member(self, attributes: Mapping[str, str]) -> None:
         if self.relation is not None and attributes.get("type") == "way":
-            ref = self._text(attributes, "ref", "member")
+            ref = self.text("member", attributes, "ref")
             self.relation.members.append((ref, attributes.get("role", "")))
 
     def _tag(self, attributes: Mapping[str, str]) -> None:
         of = self.way or self.relation
         if of is not None:
-            of.tags[self._text(attributes, "k", "tag")] = self._text(attributes, "v", "tag")
+            of.tags[self.text("tag", attributes, "k")] = self.text("tag", attributes, "v")
 
     _handlers: Mapping[str, Callable[[_Reader, Mapping[str, str]], None]] = {
         "node": _node,
@@ -131,11 +112,3 @@ class _Reader:
         "member": _member,
         "tag": _tag,
     }
-
-    def _text(self, attributes: Mapping[str, str], name: str, tag: str) -> str:
-        if name not in attributes:
-            raise self._error(f"<{tag}> has no attribute {name!r}")
-        return attributes[name]
-
-    def _error(self, problem: str) -> ValueError:
-        return ValueError(f"{self.file}:{self.parser.CurrentLineNumber}: {problem}")

@@ -71,7 +71,7 @@ def random_city(rng: np.random.Generator, most: int) -> tuple[City, list[tuple[A
 
 
 def states(city: City, lines: Lines) -> NDArray[np.bool_]:
-    """Whether the kernels say that lines are blocked."""
+    """Return for each line whether the kernels find it blocked."""
     buildings = pieces_as_prisms(city.blocking_m, city.roofs_m, SIZE_M)
     buffers = buffers_for(buildings.offsets, 200)
     rows: Any = zeros(TrackRow, 2)

@@ -70,8 +70,8 @@ def optimised(bits: float) -> Plan:
         # From a little before each node: right above, the way has a kink.
         begin = nodes + 0.1 * (np.vstack([START, nodes[:-1]]) - nodes)
         solved = minimize(_energy_j, begin.ravel(), args=(nodes, bits), method="BFGS")
-        found = plan(solved.x.reshape(-1, 2), nodes, bits)
-        best = min(best, found, key=lambda one: one.energy_j)
+        flight = plan(solved.x.reshape(-1, 2), nodes, bits)
+        best = min(best, flight, key=lambda one: one.energy_j)
     return best
 
 

@@ -324,7 +324,7 @@ def _of_sumo(file: Path) -> Rows:
 
 
 READERS = {"csv": _of_table, "fcd": _of_sumo, "ns2": _of_ns2}
-"""What reads a file of each format."""
+"""The function that reads a file, by its format."""
 
 _DEGREES = (
     "these are hardly metres but longitudes and latitudes in degrees; project them to metres "

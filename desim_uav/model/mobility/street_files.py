@@ -11,7 +11,7 @@ import numpy as np
 
 from desim_uav.geodata import geojson, osm
 from desim_uav.geodata.projection import Projection
-from desim_uav.model.mobility.street_graph import Point, Way
+from desim_uav.model.mobility.street_graph import Point, StreetWay
 from desim_uav.model.mobility.sumo_net import read_net
 from desim_uav.model.traces import Version, bytes_of, version_of
 
@@ -32,7 +32,7 @@ CLOSED = {"no", "private", "customers", "permit"}
 """Values of tags of access with which a street is left out."""
 
 
-def ways_of(file: Path, driving: bool, offset_m: Point, origin: Point | None) -> list[Way]:
+def ways_of(file: Path, driving: bool, offset_m: Point, origin: Point | None) -> list[StreetWay]:
     """Return the ways of a file for cars or for pedestrians, in metres on the map.
 
     ``origin`` is the longitude and latitude of the map's south-western corner, in degrees.
@@ -40,11 +40,11 @@ def ways_of(file: Path, driving: bool, offset_m: Point, origin: Point | None) ->
     """
     dx, dy = offset_m
     ways = _ways(file, driving, origin, version_of(file))
-    return [Way(tuple((x + dx, y + dy) for x, y in way.points), way.one_way) for way in ways]
+    return [StreetWay(tuple((x + dx, y + dy) for x, y in way.points), way.one_way) for way in ways]
 
 
 @lru_cache(maxsize=4)
-def _ways(file: Path, driving: bool, origin: Point | None, version: Version) -> list[Way]:
+def _ways(file: Path, driving: bool, origin: Point | None, version: Version) -> list[StreetWay]:
     """Return the ways of a file at this version."""
     content = bytes_of(file)
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
@@ -106,7 +106,7 @@ def _line(name: str, places: Any) -> list[Point]:
     return [(x, y) for x, y in line.tolist()]
 
 
-def _open_to(lines: Iterable[Line], driving: bool, projection: Projection) -> Iterator[Way]:
+def _open_to(lines: Iterable[Line], driving: bool, projection: Projection) -> Iterator[StreetWay]:
     """Yield the lines that cars or pedestrians may use, in metres."""
     for degrees, tags in lines:
         if len(degrees) < 2 or not (_for_cars(tags) if driving else _on_foot(tags)):
@@ -114,7 +114,7 @@ def _open_to(lines: Iterable[Line], driving: bool, projection: Projection) -> It
         places = projection.places_m(np.array(degrees))
         points = tuple((x, y) for x, y in places.tolist())
         direction = _direction(tags) if driving else 0
-        yield Way(points[::-1] if direction < 0 else points, direction != 0)
+        yield StreetWay(points[::-1] if direction < 0 else points, direction != 0)
 
 
 def _on_foot(tags: Mapping[str, str]) -> bool:

@@ -24,7 +24,7 @@ LEAST_M = 1e-3
 Point = tuple[float, float]
 
 
-class Way(NamedTuple):
+class StreetWay(NamedTuple):
     """A line of points in metres along which users move, in both directions or forwards only."""
 
     points: tuple[Point, ...]
@@ -57,14 +57,14 @@ class StreetGraph(NamedTuple):
         return self.along_m[self.first[1:] - 1]
 
 
-class Kept(NamedTuple):
+class Reachable(NamedTuple):
     """A graph, and the length of the streets that are left out because they lead nowhere else."""
 
     graph: StreetGraph
     left_out_m: float
 
 
-def graph_of(ways: Iterable[Way]) -> Kept:
+def graph_of(ways: Iterable[StreetWay]) -> Reachable:
     """Return the graph of ways, which meet where they have a point in common.
 
     Only the largest part remains in which every junction can be reached from every other one.
@@ -91,22 +91,24 @@ def graph_of(ways: Iterable[Way]) -> Kept:
             f"there are {len(junctions)} junctions, more than {MOST_JUNCTIONS}; take a smaller map"
         )
     whole_m = sum(_length(street.points) for street in streets)
-    return Kept(_graph(kept, junctions), whole_m - sum(_length(street.points) for street in kept))
+    return Reachable(
+        _graph(kept, junctions), whole_m - sum(_length(street.points) for street in kept)
+    )
 
 
-def cut(ways: Iterable[Way], area: Area) -> list[Way]:
+def cut(ways: Iterable[StreetWay], area: Area) -> list[StreetWay]:
     """Return what lies on a map of ways that may lead off it."""
-    inside: list[Way] = []
+    inside: list[StreetWay] = []
     for way in ways:
         points: list[Point] = []
         for start, stop in pairwise(way.points):
             piece = _on_map(start, stop, area)
             if piece is None or (points and piece[0] != points[-1]):
-                inside += [Way(tuple(points), way.one_way)] if len(points) > 1 else []
+                inside += [StreetWay(tuple(points), way.one_way)] if len(points) > 1 else []
                 points = []
             if piece is not None:
                 points += [piece[1]] if points else list(piece)
-        inside += [Way(tuple(points), way.one_way)] if len(points) > 1 else []
+        inside += [StreetWay(tuple(points), way.one_way)] if len(points) > 1 else []
     return inside
 
 
@@ -136,7 +138,7 @@ def _at(start: Point, stop: Point, share: float, area: Area) -> Point:
     return x, y
 
 
-def _between_junctions(ways: Sequence[Way]) -> list[Way]:
+def _between_junctions(ways: Sequence[StreetWay]) -> list[StreetWay]:
     """Return ways cut at all points that several ways have, or one way several times.
 
     Two one-way streets along the same line, in opposite directions, are one street.
@@ -155,12 +157,12 @@ def _between_junctions(ways: Sequence[Way]) -> list[Way]:
                 else:
                     one_way[piece] = one_way.get(piece, True) and way.one_way
                 start = k
-    return [Way(*street) for street in one_way.items()]
+    return [StreetWay(*street) for street in one_way.items()]
 
 
-def _joined(streets: Sequence[Way]) -> list[Way]:
+def _joined(streets: Sequence[StreetWay]) -> list[StreetWay]:
     """Return streets of which two that meet where no third one does are one."""
-    joined: list[Way | None] = list(streets)
+    joined: list[StreetWay | None] = list(streets)
     at: dict[Point, list[int]] = {}
     for number, street in enumerate(streets):
         for end in (0, -1):
@@ -179,29 +181,29 @@ def _joined(streets: Sequence[Way]) -> list[Way]:
     return [street for street in joined if street is not None]
 
 
-def _one_of_two(first: Way, second: Way, point: Point) -> Way | None:
+def _one_of_two(first: StreetWay, second: StreetWay, point: Point) -> StreetWay | None:
     """Return two streets that meet at a point as one; None if they lead in different directions."""
     if first.one_way != second.one_way:
         return None
     turned = first.points[-1] != point, second.points[0] != point
     if first.one_way and turned == (True, True):
-        return Way(second.points + first.points[1:], True)
+        return StreetWay(second.points + first.points[1:], True)
     if first.one_way and any(turned):
         return None
     before = first.points[::-1] if turned[0] else first.points
     after = second.points[::-1] if turned[1] else second.points
-    return Way(before + after[1:], first.one_way)
+    return StreetWay(before + after[1:], first.one_way)
 
 
-def _without_repeats(way: Way) -> Way:
+def _without_repeats(way: StreetWay) -> StreetWay:
     points = [way.points[0]]
     for x, y in way.points[1:]:
         if abs(x - points[-1][0]) + abs(y - points[-1][1]) > LEAST_M:
             points.append((x, y))
-    return Way(tuple(points), way.one_way)
+    return StreetWay(tuple(points), way.one_way)
 
 
-def _ends(streets: Sequence[Way]) -> dict[Point, None]:
+def _ends(streets: Sequence[StreetWay]) -> dict[Point, None]:
     """Return the ends of streets, in the order in which they first appear."""
     return dict.fromkeys(street.points[end] for street in streets for end in (0, -1))
 
@@ -210,7 +212,7 @@ def _length(points: Sequence[Point]) -> float:
     return float(np.hypot(*np.diff(np.array(points), axis=0).T).sum())
 
 
-def _parts(streets: Sequence[Way], numbers: dict[Point, int]) -> NDArray[np.int64]:
+def _parts(streets: Sequence[StreetWay], numbers: dict[Point, int]) -> NDArray[np.int64]:
     """Return for each end the number of the part whose ends can all reach one another."""
     tails = [numbers[s.points[0]] for s in streets]
     heads = [numbers[s.points[-1]] for s in streets]
@@ -221,7 +223,7 @@ def _parts(streets: Sequence[Way], numbers: dict[Point, int]) -> NDArray[np.int6
     return parts
 
 
-def _graph(streets: Sequence[Way], junctions: Sequence[Point]) -> StreetGraph:
+def _graph(streets: Sequence[StreetWay], junctions: Sequence[Point]) -> StreetGraph:
     """Return the graph of streets that are all of one part."""
     numbers = {point: number for number, point in enumerate(junctions)}
     counts = [len(street.points) for street in streets]

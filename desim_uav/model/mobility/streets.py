@@ -245,7 +245,7 @@ def place_on(streets: Any, share: float) -> tuple[int, float]:
 @rule
 def long_m(streets: Any, street: int) -> float:
     """Return the length of a street, in metres."""
-    return streets.along_m[int(streets.first[street + 1]) - 1]  # type: ignore[no-any-return]
+    return float(streets.along_m[int(streets.first[street + 1]) - 1])
 
 
 @rule

@@ -8,30 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from xml.parsers import expat
 
-from desim_uav.model.mobility.street_graph import Point, Way
+from desim_uav.geodata.xml_reader import XmlReader
+from desim_uav.model.mobility.street_graph import Point, StreetWay
 from desim_uav.model.traces import bytes_of, coordinate
 
 ROOT = "net"
 
 
-def read_net(path: Path, driving: bool) -> list[Way]:
+def read_net(path: Path, driving: bool) -> list[StreetWay]:
     """Return the ways of a network, in metres. Raises ValueError with file and line.
 
     Pedestrians may go along an edge in both directions.
     """
     reader = _Reader(path, "passenger" if driving else "pedestrian")
-    parser = expat.ParserCreate()
-    reader.parser = parser
-    parser.StartDoctypeDeclHandler = reader.refuse
-    parser.EntityDeclHandler = reader.refuse
-    parser.StartElementHandler = reader.begin
-    try:
-        parser.Parse(bytes_of(path), True)
-    except expat.ExpatError as error:
-        why = expat.ErrorString(error.code)
-        raise ValueError(f"{path}:{error.lineno}: it is not well-formed XML: {why}") from error
+    reader.parse(bytes_of(path))
     return reader.ways(driving)
 
 
@@ -43,51 +34,46 @@ class _Edge:
         self.open = False
 
 
-class _Reader:
+class _Reader(XmlReader):
     """Collects junctions and edges while a network is parsed."""
 
-    parser: expat.XMLParserType
-
     def __init__(self, path: Path, user: str) -> None:
-        self.path, self.user = path, user
+        super().__init__(path)
+        self.user = user
         self.junctions: dict[str, Point] = {}
         self.edges: list[_Edge] = []
         self.in_edge = self.begun = False
 
-    def refuse(self, *_: object) -> None:
-        """Raise ValueError for a document type or an entity."""
-        raise self._error("a document type or entity is not allowed")
-
     def begin(self, tag: str, attributes: Mapping[str, str]) -> None:
         """Begin an element: a junction, an edge, or a lane of it."""
         if not self.begun and tag != ROOT:
-            raise self._error(f"<{tag}>: expected <{ROOT}>, as SUMO's networks begin")
+            raise self.error(f"<{tag}>: expected <{ROOT}>, as SUMO's networks begin")
         self.begun = True
         if tag == "junction" and attributes.get("type") != "internal":
-            name = self._text(tag, attributes, "id")
+            name = self.text(tag, attributes, "id")
             self.junctions[name] = self._point(
-                self._text(tag, attributes, "x"), self._text(tag, attributes, "y")
+                self.text(tag, attributes, "x"), self.text(tag, attributes, "y")
             )
         elif tag == "edge":
             self.in_edge = "function" not in attributes or attributes["function"] == "normal"
             if self.in_edge:
-                start, stop = (self._text(tag, attributes, end) for end in ("from", "to"))
+                start, stop = (self.text(tag, attributes, end) for end in ("from", "to"))
                 shape = self._shape(attributes.get("shape", ""))
-                self.edges.append(_Edge(start, stop, shape, self._line))
+                self.edges.append(_Edge(start, stop, shape, self.line))
         elif tag == "lane" and self.in_edge:
             self.edges[-1].open |= self._allows(attributes)
 
-    def ways(self, driving: bool) -> list[Way]:
+    def ways(self, driving: bool) -> list[StreetWay]:
         """Return the ways of all edges that may be used."""
         ways = []
         for edge in self.edges:
             for end in (edge.start, edge.stop):
                 if end not in self.junctions:
-                    raise ValueError(f"{self.path}:{edge.line}: there is no junction {end!r}")
+                    raise ValueError(f"{self.file}:{edge.line}: there is no junction {end!r}")
             if edge.open:
                 inner = edge.shape[1:-1]
                 points = (self.junctions[edge.start], *inner, self.junctions[edge.stop])
-                ways.append(Way(points, driving))
+                ways.append(StreetWay(points, driving))
         return ways
 
     def _allows(self, attributes: Mapping[str, str]) -> bool:
@@ -100,7 +86,7 @@ class _Reader:
         for pair in text.split():
             numbers = pair.split(",")
             if len(numbers) not in (2, 3):
-                raise self._error(f"shape: {pair!r}: expected x,y")
+                raise self.error(f"shape: {pair!r}: expected x,y")
             points.append(self._point(*numbers[:2]))
         return tuple(points)
 
@@ -108,16 +94,4 @@ class _Reader:
         try:
             return coordinate(x), coordinate(y)
         except ValueError as error:
-            raise self._error(f"({x}, {y}): {error}") from error
-
-    @property
-    def _line(self) -> int:
-        return int(self.parser.CurrentLineNumber)
-
-    def _text(self, tag: str, attributes: Mapping[str, str], name: str) -> str:
-        if name not in attributes:
-            raise self._error(f"<{tag}> has no attribute {name!r}")
-        return attributes[name]
-
-    def _error(self, problem: str) -> ValueError:
-        return ValueError(f"{self.path}:{self._line}: {problem}")
+            raise self.error(f"({x}, {y}): {error}") from error

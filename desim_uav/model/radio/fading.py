@@ -37,7 +37,7 @@ class Fading(Protocol):
 @register("fading", "none")
 @dataclass(frozen=True)
 class NoFading:
-    """Has the mean power at all times."""
+    """No fading: the received power is always its mean."""
 
     def margin_db(self) -> float:
         """Return 0."""

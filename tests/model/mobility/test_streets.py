@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 from desim_uav.model.mobility import walking
 from desim_uav.model.mobility.mobility import leaves_the_map
 from desim_uav.model.mobility.street_files import ways_of
-from desim_uav.model.mobility.street_graph import Way, cut, graph_of
+from desim_uav.model.mobility.street_graph import StreetWay, cut, graph_of
 from desim_uav.model.mobility.streets import Streets
 from desim_uav.model.mobility.walks import Area, Walks
 from tests.verification.figure import Estimate, check
@@ -185,8 +185,8 @@ def test_users_begin_at_home(tmp_path: Path):
 
 
 def test_ways_are_cut_at_the_edge_of_the_map():
-    way = Way(((-10.0, 5.0), (10.0, 5.0), (30.0, 5.0), (30.0, -5.0), (50.0, 15.0)))
-    pieces = cut([way, Way(((-5.0, -5.0), (-9.0, 3.0)))], Area(40.0, 20.0))
+    way = StreetWay(((-10.0, 5.0), (10.0, 5.0), (30.0, 5.0), (30.0, -5.0), (50.0, 15.0)))
+    pieces = cut([way, StreetWay(((-5.0, -5.0), (-9.0, 3.0)))], Area(40.0, 20.0))
     assert [piece.points for piece in pieces] == [
         ((0.0, 5.0), (10.0, 5.0), (30.0, 5.0), (30.0, 0.0)),
         ((35.0, 0.0), (40.0, 5.0)),
@@ -196,8 +196,8 @@ def test_ways_are_cut_at_the_edge_of_the_map():
 def test_the_largest_part_is_kept():
     """An island, and a one-way street that leads nowhere back."""
     square = [(0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0), (0.0, 0.0)]
-    ways = [Way(((200.0, 0.0), (260.0, 0.0))), Way(tuple(square))]
-    ways.append(Way(((50.0, 50.0), (90.0, 50.0)), one_way=True))
+    ways = [StreetWay(((200.0, 0.0), (260.0, 0.0))), StreetWay(tuple(square))]
+    ways.append(StreetWay(((50.0, 50.0), (90.0, 50.0)), one_way=True))
     graph, left_out_m = graph_of(ways)
     assert left_out_m == 100.0 and graph.street_m.sum() == 200.0
     assert len(graph.tails) == 1 and len(graph.arcs) == 2
