@@ -12,7 +12,7 @@ from desim_uav.errors import ScenarioError, UsageError, notice
 if TYPE_CHECKING:
     from desim_uav.api.kinds import Overrides
     from desim_uav.experiment.doctor import Check
-    from desim_uav.experiment.gallery import Compared
+    from desim_uav.experiment.papers import Compared
 
 
 @verb
@@ -153,8 +153,8 @@ def gallery(
         UsageError: there is no such paper, or a file cannot be written.
     """
     from desim_uav.disk import file_place, write_at
-    from desim_uav.experiment import gallery as work
-    from desim_uav.report.gallery import markdown_tables
+    from desim_uav.experiment import papers as work
+    from desim_uav.report.papers import markdown_tables
 
     place = None if markdown is None else file_place(Path(markdown), "--markdown")
     folder = None if figure is None else Path(figure)

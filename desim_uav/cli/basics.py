@@ -71,8 +71,8 @@ def doctor(arguments: dict[str, Any], as_json: bool) -> None:
 @made(files.gallery, AS_JSON, NO_PROGRESS)
 def gallery(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print a table for each paper, and end with exit code 6 if a figure does not hold."""
-    from desim_uav.experiment import gallery as work
-    from desim_uav.report.gallery import print_gallery
+    from desim_uav.experiment import papers as work
+    from desim_uav.report.papers import print_gallery
 
     compared, pictures = files.gallery(**arguments)
     if as_json:

@@ -55,7 +55,7 @@ def complete_tasks(incomplete: str) -> list[str]:
 
 def complete_papers(incomplete: str) -> list[str]:
     """Return the papers of the gallery, for a shell that completes what is typed."""
-    from desim_uav.experiment.gallery import ENTRIES
+    from desim_uav.experiment.papers import ENTRIES
 
     return [name for name in ENTRIES if name.startswith(incomplete)]
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from markdown_table import table
 
-from desim_uav.experiment import gallery as papers
-from desim_uav.experiment.gallery.row import GalleryRow
+from desim_uav.experiment import papers as papers
+from desim_uav.experiment.papers.row import GalleryRow
 
 DATA = Path(__file__).parents[1] / "_data"
 CHECKED = ("", "ours", "theory", "difference", "limit", "n", "holds")
@@ -33,7 +33,7 @@ def gallery() -> str:
     return "\n".join(
         f"## {paper['name']}\n\n{paper['paper']}\n\n"
         + table(papers.COLUMNS, (_row(row).cells() for row in paper["rows"]))
-        for paper in _read(DATA / "gallery.json")["papers"]
+        for paper in _read(DATA / "papers.json")["papers"]
     )
 
 

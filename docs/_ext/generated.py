@@ -32,7 +32,7 @@ PARTS = {
     "claims.md": paper.claims,
     "verification.md": figures.verification,
     "mutations.md": figures.mutations,
-    "gallery.md": figures.gallery,
+    "gallery.md": figures.papers,
 }
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from desim_uav.experiment import gallery as work
-from desim_uav.experiment.gallery import (
+from desim_uav.experiment import papers as work
+from desim_uav.experiment.papers import (
     ENTRIES,
     a3,
     al_hourani,
@@ -18,7 +18,7 @@ from desim_uav.experiment.gallery import (
     mozaffari_2016,
     wu_2018,
 )
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
 from desim_uav.model.radio.path_loss import AlHourani
 from tests.command_line import runner
 
@@ -50,7 +50,7 @@ def figures():
 
 
 def test_the_documentation_says_how_many_hold_and_what_each_paper_is():
-    found = json.loads((DOCS / "_data" / "gallery.json").read_text(encoding="utf-8"))
+    found = json.loads((DOCS / "_data" / "papers.json").read_text(encoding="utf-8"))
     said = f"{found['hold']} of {found['hold'] + found['fail']} figures hold, {found['open']} are"
     page = (DOCS / "literature.md").read_text(encoding="utf-8")
     assert said in page and found["open"] == OPEN

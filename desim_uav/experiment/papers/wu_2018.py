@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
 from desim_uav.model.radio.link import LinkBudget
 from desim_uav.model.radio.path_loss import LogDistance
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from desim_uav.errors import UsageError, did_you_mean
-from desim_uav.experiment.gallery import (
+from desim_uav.experiment.papers import (
     a3,
     al_hourani,
     andrews,
@@ -20,7 +20,7 @@ from desim_uav.experiment.gallery import (
     wu_2018,
     zeng,
 )
-from desim_uav.experiment.gallery.row import GalleryRow
+from desim_uav.experiment.papers.row import GalleryRow
 from desim_uav.experiment.progress import progress
 
 if TYPE_CHECKING:
