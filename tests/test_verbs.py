@@ -36,7 +36,7 @@ VERBS = {
     "report": [du.write_report],
     "plot": [du.plot],
     "video": [du.film],
-    "gallery": [files.gallery],
+    "paper": [files.paper],
     "doctor": [files.doctor],
     "bench list": [du.bench_list],
     "bench run": [du.bench_run],
@@ -48,7 +48,7 @@ VERBS = {
 }
 """The Python functions that each command is made of; the first one describes the command."""
 
-OPTIONAL = {("compare", "policies"), ("run", "fork"), ("run", "to")}
+OPTIONAL = {("compare", "policies"), ("run", "fork"), ("run", "to"), ("paper", "name")}
 """What a command may do without, although the function that describes it may not."""
 
 PROGRAM = typer.main.get_command(app)
