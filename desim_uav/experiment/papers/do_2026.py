@@ -157,6 +157,11 @@ class Patrols:
         return self._charge
 
 
+def pads_of(count: int) -> str:
+    """Return a number of pads in words."""
+    return f"{count} pad" + ("s" if count > 1 else "")
+
+
 def wait_s(scenario: Scenario, drones: int, law: str, seed: int) -> float:
     """Return the mean wait for a pad in a run of 40 hours."""
     policy = Patrols(between_charges_s(drones), law, seed)
@@ -187,18 +192,18 @@ def rows() -> Iterator[GalleryRow]:
     """Yield the best numbers of drones, by the closed queue and in runs, and what waits differ."""
     for pads, printed in BY_FORMULA.items():
         ours = best_by_formula(pads)
-        what = f"{pads} pads, closed queue: best number of drones"
+        what = f"{pads_of(pads)}, closed queue: best number of drones"
         yield GalleryRow(what, "printed by the study's code", printed, ours, 0.5, 0)
     for pads, printed in BY_SIMULATION.items():
         best, alike = best_in_runs(pads)
-        what = f"{pads} pads, simulated: best number of drones"
+        what = f"{pads_of(pads)}, simulated: best number of drones"
         how = f"printed by the study's code; here {alike[0]} to {alike[-1]} are not told apart"
         reach = max(best - alike[0], alike[-1] - best) + 0.5
         yield GalleryRow(what, how, printed, best, reach, 0)
     for pads, drones in BY_FORMULA.items():
         formula_s = formula_wait_s(drones, pads)
         for law in LAWS:
-            what = f"{pads} pads, {drones} drones, {law} flights: mean wait, s"
+            what = f"{pads_of(pads)}, {drones} drones, {law} flights: mean wait, s"
             flown_s = float(waits_s(drones, pads, law).mean())
             how = "closed queue, whose charging times are exponential"
             yield GalleryRow(what, how, formula_s, flown_s, None, 0)
@@ -267,5 +272,5 @@ def draw() -> Figure:
         fleets = range(max(2, pads), FLEETS[-1] + 1)
         queue = [min(formula_min(drones, pads), 60.0) for drones in fleets]
         runs = tuple((n, float(peaks_min(n, pads).mean())) for n in simulated_fleets(pads))
-        series.append(Series(f"{pads} pads", fleets, queue, points=runs))
+        series.append(Series(f"{pads_of(pads)}", fleets, queue, points=runs))
     return lines_figure("Peak age, closed queue and runs", "drones", "peak age, min", series)

@@ -12,7 +12,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from desim_uav import __version__
 from desim_uav.errors import UsageError, did_you_mean
 from desim_uav.experiment.papers import ENTRIES, Entry
 from desim_uav.experiment.papers.row import GalleryRow
@@ -92,7 +91,7 @@ class Computed:
             "command": f"desim-uav paper {self.name}",
             "date": self.date,
             "processor": processor(),
-            "versions": {"desim-uav": __version__, **versions()},
+            "versions": versions(),
             "rows": [row.content() for row in self.rows],
         }
 
