@@ -49,6 +49,9 @@ PACKET_BIT, BAND_HZ, POWER_W, GAIN, NOISE_W, HEIGHT_M = 5e6, 1e6, 0.1, 1e-5, 1e-
 LAWS = ("exponential", "nearly fixed")
 """The laws of the times between charges."""
 
+DRAWN_MIN = 60.0
+"""The longest peak age that is drawn."""
+
 Places = NDArray[np.float64]
 
 
@@ -269,8 +272,8 @@ def draw() -> Figure:
 
     series = []
     for pads in BY_FORMULA:
-        fleets = range(max(2, pads), FLEETS[-1] + 1)
-        queue = [min(formula_min(drones, pads), 60.0) for drones in fleets]
+        fleets = [n for n in FLEETS if n >= pads and formula_min(n, pads) <= DRAWN_MIN]
+        queue = [formula_min(drones, pads) for drones in fleets]
         runs = tuple((n, float(peaks_min(n, pads).mean())) for n in simulated_fleets(pads))
         series.append(Series(f"{pads_of(pads)}", fleets, queue, points=runs))
     return lines_figure("Peak age, closed queue and runs", "drones", "peak age, min", series)
