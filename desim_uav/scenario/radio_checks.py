@@ -11,7 +11,7 @@ import numpy as np
 
 from desim_uav.model.demand.demand import Continuous, Trace
 from desim_uav.model.radio.levels import problem_of_bounds, why_not_compiled
-from desim_uav.model.radio.path_loss import RowPathLoss
+from desim_uav.model.radio.path_loss import RowPathLoss, Use
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.model.radio.rings import line_of_sight_ring_m, rings
 from desim_uav.model.services import has_volumes, is_one_time, problems_of, rates_bps
@@ -145,11 +145,11 @@ def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
         if radio.line_of_sight == "drawn" and _always_sees(radio.path_loss):
             yield Finding(
                 (*path, "line_of_sight"),
-                "needs a path loss that tells how likely line of sight is: al_hourani, or one of "
-                "your own with p_los",
+                "needs a path loss that tells how likely line of sight is at an elevation: "
+                "al_hourani, or one of your own with p_los",
                 ((*path, "path_loss"),),
             )
-        mean = radio.line_of_sight == "mean" and not _always_sees(radio.path_loss)
+        mean = radio.line_of_sight == "mean" and radio.path_loss.mixes()
         if mean and radio.shadowing is not None:
             yield Finding(
                 (*path, "shadowing"),
@@ -170,10 +170,18 @@ def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
 def losses_can_be_used(scenario: Scenario) -> Iterator[Finding]:
     """A path loss that falls with the distance, by which links reach too far, or a wrong slope."""
     for links in _links(scenario):
-        problem = _problem_of_loss(scenario, links)
-        if problem:
+        problems = [*links.radio.path_loss.problems(_use_of(scenario, links))]
+        for problem in problems or filter(None, [_problem_of_loss(scenario, links)]):
             also = (*_CLIMBS, ("association",), links.path)
             yield Finding((*links.path, "path_loss"), problem, also)
+
+
+def _use_of(scenario: Scenario, links: RadioLinks) -> Use:
+    """Return what a scenario uses the path loss of links for."""
+    flies, farthest_m = "access_points" not in links.path, math.hypot(*scenario.map.size_m)
+    heights_m = links.lowest_m, links.highest_m
+    tallest_m, sight = _tallest_user_m(scenario), links.radio.line_of_sight
+    return Use(flies, *heights_m, farthest_m, tallest_m, sight)
 
 
 def _problem_of_loss(scenario: Scenario, links: RadioLinks) -> str:

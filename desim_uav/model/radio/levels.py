@@ -189,10 +189,11 @@ class Loss(NamedTuple):
 def compiled_loss(path_loss: RowPathLoss, carrier_ghz: float = 2.0) -> Loss:
     """Compile a path loss.
 
-    Raises ScenarioError if it exceeds its bounds at a carrier (see ``problem_of_bounds``) or cannot
-    be compiled.
+    Raises ScenarioError if one's own exceeds its bounds at a carrier (see ``problem_of_bounds``),
+    or if it cannot be compiled.
     """
-    problem = problem_of_bounds(path_loss, carrier_ghz) or why_not_compiled(path_loss)
+    problem = "" if path_loss.is_built_in() else problem_of_bounds(path_loss, carrier_ghz)
+    problem = problem or why_not_compiled(path_loss)
     if problem:
         raise ScenarioError(f"path_loss: {kind_of(path_loss)!r}: {problem}")
     code = compiled((LEVEL, BOUNDS), path_loss, ())
