@@ -195,11 +195,11 @@ def _problem_of_loss(scenario: Scenario, links: RadioLinks) -> str:
         problem = _problem_of_rings(radio, height_m)
         if problem:
             return f"at a height of {height_m:g} m: {problem}"
-    if radio.path_loss.is_built_in() or not searches(scenario, links):
+    if radio.loss.is_built_in() or not searches(scenario, links):
         return ""
     try:
-        return problem_of_bounds(own, float(radio.carrier_ghz)) or why_not_compiled(
-            links.radio.path_loss
+        return problem_of_bounds(radio.loss, float(radio.carrier_ghz)) or why_not_compiled(
+            links.radio.loss
         )
     except FAULTS as error:
         return what_failed(error)
@@ -208,7 +208,7 @@ def _problem_of_loss(scenario: Scenario, links: RadioLinks) -> str:
 def losses_without_bounds(scenario: Scenario) -> Iterator[tuple[str, str]]:
     """Yield the keys of path losses whose bounds have to be sampled, and why they are needed."""
     for links in _links(scenario):
-        if not links.radio.path_loss.is_bounded():
+        if not links.radio.loss.is_bounded():
             reasons = searches(scenario, links)
             if reasons:
                 yield ".".join(map(str, (*links.path, "path_loss"))), " and ".join(reasons)
@@ -220,6 +220,7 @@ def searches(scenario: Scenario, links: RadioLinks) -> list[str]:
         "drones climb (map.dimensions: 3, map.obstacles)": links.highest_m > links.lowest_m,
         "drones interfere (interference)": links.radio.reuse > 0,
         "line of sight changes (line_of_sight)": links.radio.line_of_sight != "mean",
+        "links pass a cone (antenna)": links.radio.antenna.jumps,
         "links have shadowing (shadowing)": links.radio.shadowing is not None,
         "association compares levels": scenario.association.by_level,
     }
@@ -346,7 +347,7 @@ def _always_sees(path_loss: Any) -> bool:
 
 def _problem_of_rings(radio: LinkClasses, height_m: float) -> str:
     try:
-        rings(radio.path_loss, radio.carrier_ghz, height_m, radio.budget, radio.ladder)
+        rings(radio.loss, radio.carrier_ghz, height_m, radio.budget, radio.ladder)
         if radio.line_of_sight == "drawn":
             line_of_sight_ring_m(radio.path_loss, height_m, 0.5)
     except ValueError as error:

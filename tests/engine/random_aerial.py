@@ -1,4 +1,7 @@
-"""Random scenarios of ``random_radio`` whose drones have the path loss of 3GPP TR 36.777."""
+"""Random scenarios of ``random_radio`` with antennas, and with the path loss of 3GPP TR 36.777.
+
+What is drawn beside ``random_radio`` has a seed of its own.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ LEVELS = {"rma": (11, 30, 41), "uma": (23, 40, 101), "umi": (23, 40, 90)}
 
 
 def scenario(seed: int) -> dict[str, Any]:
-    """A random scenario; what is drawn beside ``random_radio`` has a seed of its own."""
+    """A random scenario whose drones have the path loss of 3GPP TR 36.777."""
     made, dice = random_radio.scenario(seed), Dice(seed + 2_100_000)
     site, built = dice.of(*LEVELS), "obstacles" in made["map"]
     made["map"]["levels"] = {
@@ -28,16 +31,49 @@ def scenario(seed: int) -> dict[str, Any]:
     own["power_dbm"] = dice.between(-15, 15)
     if own["line_of_sight"] == "mean":
         own["shadowing"] = None
+    own["antenna"] = dice.of("isotropic", "isotropic", antenna(dice, own))
+    return made
+
+
+def antenna(dice: Dice, radio: dict[str, Any]) -> dict[str, Any]:
+    """An antenna that goes with a radio."""
+    element = {
+        "kind": "element",
+        "gain_dbi": dice.between(0, 12),
+        "beamwidth_deg": dice.of(65, 30, 110),
+        "front_to_back_db": dice.of(30, 12),
+    }
+    cone = {
+        "kind": "cone",
+        "half_angle_deg": dice.between(20, 88),
+        "gain_dbi": dice.between(2, 14),
+        "side_dbi": dice.of(-200, -5.5, 2),
+    }
+    plain = radio["line_of_sight"] == "mean" and radio["shadowing"] is None
+    return dict(dice.of(element, cone, cone) if plain else element)
+
+
+def aimed_scenario(seed: int) -> dict[str, Any]:
+    """A random scenario whose drones and access points have antennas."""
+    made, dice = random_radio.scenario(seed), Dice(seed + 2_200_000)
+    for radio in (made["drones"]["radio"], *[point["radio"] for point in made["access_points"]]):
+        if dice.of(True, False) and radio["line_of_sight"] == "drawn":
+            radio |= {"line_of_sight": "mean", "shadowing": None}
+        radio["antenna"] = antenna(dice, radio)
     return made
 
 
 def world_of(seed: int) -> World:
-    """The world of a random scenario."""
+    """The world of a random scenario with this path loss."""
     return accepted(scenario, seed)
 
 
-def unlike(seed: int) -> list[str]:
+def aimed_world_of(seed: int) -> World:
+    """The world of a random scenario with antennas."""
+    return accepted(aimed_scenario, seed)
+
+
+def unlike(world: World, seed: int) -> list[str]:
     """In what two episodes of both engines differ."""
-    world = world_of(seed)
     one, other = engines(world, (True,) * world.scenario.drone_count)
     return [name for episode in range(2) for name in differences(one, other, seed, episode)]

@@ -180,9 +180,7 @@ class RadioView:
         if any(radio.path_loss.problems(where)):
             return float("nan")
         try:
-            return radio.power_dbm - radio.path_loss.mean_db(
-                distance_m, height_m, radio.carrier_ghz
-            )
+            return radio.power_dbm - radio.loss.mean_db(distance_m, height_m, radio.carrier_ghz)
         except (ValueError, ArithmeticError):
             return float("nan")
 

@@ -227,5 +227,6 @@ def test_shadowing_needs_to_know_whether_there_is_sight():
 
 @pytest.mark.parametrize("seed", by_default([0, 1], range(0, 40)))
 def test_both_engines_are_equal_and_keep_the_rules(seed):
-    assert unlike(seed) == []
-    audited(world_of(seed))
+    world = world_of(seed)
+    assert unlike(world, seed) == []
+    audited(world)
