@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from desim_uav.model.demand.demand import Continuous, Trace
+from desim_uav.model.demand.demand import Continuous
 from desim_uav.model.radio.levels import problem_of_bounds, why_not_compiled
 from desim_uav.model.radio.path_loss import RowPathLoss, Use
 from desim_uav.model.radio.radio import LinkClasses
@@ -278,13 +278,6 @@ def demand_knows_volumes(scenario: Scenario) -> Iterator[Finding]:
             yield Finding(
                 key,
                 f"asks for the whole episode; the first service, {first}, asks for {others[first]}",
-                (("services",),),
-            )
-        if isinstance(demand, Trace) and others:
-            yield Finding(
-                key,
-                f"has service times (required_s); {', '.join(others)} would ask for "
-                f"{'volumes' if 'a volume' in others.values() else 'several times'}",
                 (("services",),),
             )
 
