@@ -117,7 +117,7 @@ def _curves(world: World, number: int) -> Table[Curve]:
         antennas_m = (world.scenario.access_points[number - len(world.types)].height_m,)
     pairs = product(antennas_m, np.unique(world.homes[:, 2]).tolist())
     heights_m = {antenna_m - user_m for antenna_m, user_m in pairs}
-    has_rates = type(world.links[number].radio.path_loss).rates is not RowPathLoss.rates
+    has_rates = type(world.links[number].radio.loss).rates is not RowPathLoss.rates
     if not has_rates or len(heights_m) > MOST_CURVES:
         return Table()
     return Table(blank_curve(height_m, math.hypot(*world.area)) for height_m in heights_m)

@@ -71,7 +71,8 @@ class Catalogue:
     longest), of which list k of service s has ``sizes[s, k]`` equally likely values; ``least`` and
     ``most`` (services, lists) are the range of what a demand model may ask for instead.
     ``stages[s]`` are the stages of service s, as the fields of a ``StageRow``, and
-    ``collecting[s]`` says how its updates are kept, if sensors send them.
+    ``collecting[s]`` says how its updates are kept, if sensors send them. ``offered`` has the
+    services by name.
     """
 
     names: tuple[str, ...]
@@ -83,6 +84,7 @@ class Catalogue:
     stages: tuple[tuple[tuple[int, ...], ...], ...]
     terms: tuple[Terms, ...]
     collecting: tuple[Collecting | None, ...]
+    offered: Mapping[str, Service]
 
     @property
     def draws(self) -> int:
@@ -152,7 +154,7 @@ def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Cata
             most[s, multiplied] = values[s, multiplied].max(axis=1)
     terms = tuple(map(terms_of, services.values()))
     collecting = tuple(map(collecting_of, services.values()))
-    return Catalogue(names, share, sizes, values, least, most, stages, terms, collecting)
+    return Catalogue(names, share, sizes, values, least, most, stages, terms, collecting, services)
 
 
 def _stage_rows(service: Service) -> tuple[tuple[int, ...], ...]:

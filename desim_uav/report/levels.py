@@ -140,7 +140,7 @@ class LinksInTime:
         away = at_m - places_m
         distances_m = np.sqrt(away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1])
         heights_m = np.ascontiguousarray(away[:, 2])
-        losses = losses_db(radio.path_loss, radio.carrier_ghz, branches, distances_m, heights_m)
+        losses = losses_db(radio.loss, radio.carrier_ghz, branches, distances_m, heights_m)
         levels_dbm: Floats = radio.power_dbm - extra_db - losses
         return levels_dbm
 

@@ -75,7 +75,7 @@ class MarkMaker:
         ``number`` is that of the transmitter in the draws (``chances.Odds``), ``walk`` are the legs
         of the user's walk, and ``flown`` the flights of the transmitter.
         """
-        chance = compiled_chance(radio.path_loss) if KINDS[radio.sight] == DRAWN else None
+        chance = compiled_chance(radio.loss) if KINDS[radio.sight] == DRAWN else None
         odds = Odds(
             self._key,
             self.world.stream_numbers[[user]],

@@ -15,6 +15,7 @@ from desim_uav.model.mobility.walks import Area
 from desim_uav.model.motion.motion import cruise_of, return_transit, transits_over
 from desim_uav.model.motion.wind import motion_in
 from desim_uav.model.rules import US
+from desim_uav.model.services import problems_of
 from desim_uav.model.sums import in_order
 from desim_uav.registry import FAULTS, what_failed
 from desim_uav.rules.rewards import MultiService
@@ -316,14 +317,11 @@ def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
                 ((*key, "battery"),),
             )
     for key, demand, counts in scenario.asking:
-        asked = getattr(demand, "problems", None)
-        if asked:
-            yield from _own_problems(
-                key,
-                demand,
-                asked(min(counts), list(scenario.services)),
-                (*_USER_COUNT, ("services",)),
-            )
+        asked, misfits = getattr(demand, "problems", None), getattr(demand, "misfits", None)
+        problems = asked(min(counts), list(scenario.services)) if asked else []
+        if misfits and not any(map(problems_of, scenario.services.values())):
+            problems = [*problems, *misfits(scenario.services)]
+        yield from _own_problems(key, demand, problems, (*_USER_COUNT, ("services",)))
 
 
 CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from desim_uav.model.demand.demand import Continuous, Trace
+from desim_uav.model.demand.demand import Continuous
 from desim_uav.model.radio.levels import problem_of_bounds, why_not_compiled
-from desim_uav.model.radio.path_loss import RowPathLoss
+from desim_uav.model.radio.path_loss import RowPathLoss, Use
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.model.radio.rings import line_of_sight_ring_m, rings
 from desim_uav.model.services import has_volumes, is_one_time, problems_of, rates_bps
@@ -145,11 +145,11 @@ def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
         if radio.line_of_sight == "drawn" and _always_sees(radio.path_loss):
             yield Finding(
                 (*path, "line_of_sight"),
-                "needs a path loss that tells how likely line of sight is: al_hourani, or one of "
-                "your own with p_los",
+                "needs a path loss that tells how likely line of sight is at an elevation: "
+                "al_hourani, or one of your own with p_los",
                 ((*path, "path_loss"),),
             )
-        mean = radio.line_of_sight == "mean" and not _always_sees(radio.path_loss)
+        mean = radio.line_of_sight == "mean" and radio.path_loss.mixes()
         if mean and radio.shadowing is not None:
             yield Finding(
                 (*path, "shadowing"),
@@ -170,10 +170,18 @@ def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
 def losses_can_be_used(scenario: Scenario) -> Iterator[Finding]:
     """A path loss that falls with the distance, by which links reach too far, or a wrong slope."""
     for links in _links(scenario):
-        problem = _problem_of_loss(scenario, links)
-        if problem:
+        problems = [*links.radio.path_loss.problems(_use_of(scenario, links))]
+        for problem in problems or filter(None, [_problem_of_loss(scenario, links)]):
             also = (*_CLIMBS, ("association",), links.path)
             yield Finding((*links.path, "path_loss"), problem, also)
+
+
+def _use_of(scenario: Scenario, links: RadioLinks) -> Use:
+    """Return what a scenario uses the path loss of links for."""
+    flies, farthest_m = "access_points" not in links.path, math.hypot(*scenario.map.size_m)
+    heights_m = links.lowest_m, links.highest_m
+    tallest_m, sight = _tallest_user_m(scenario), links.radio.line_of_sight
+    return Use(flies, *heights_m, farthest_m, tallest_m, sight)
 
 
 def _problem_of_loss(scenario: Scenario, links: RadioLinks) -> str:
@@ -187,11 +195,11 @@ def _problem_of_loss(scenario: Scenario, links: RadioLinks) -> str:
         problem = _problem_of_rings(radio, height_m)
         if problem:
             return f"at a height of {height_m:g} m: {problem}"
-    if radio.path_loss.is_built_in() or not searches(scenario, links):
+    if radio.loss.is_built_in() or not searches(scenario, links):
         return ""
     try:
-        return problem_of_bounds(own, float(radio.carrier_ghz)) or why_not_compiled(
-            links.radio.path_loss
+        return problem_of_bounds(radio.loss, float(radio.carrier_ghz)) or why_not_compiled(
+            links.radio.loss
         )
     except FAULTS as error:
         return what_failed(error)
@@ -200,7 +208,7 @@ def _problem_of_loss(scenario: Scenario, links: RadioLinks) -> str:
 def losses_without_bounds(scenario: Scenario) -> Iterator[tuple[str, str]]:
     """Yield the keys of path losses whose bounds have to be sampled, and why they are needed."""
     for links in _links(scenario):
-        if not links.radio.path_loss.is_bounded():
+        if not links.radio.loss.is_bounded():
             reasons = searches(scenario, links)
             if reasons:
                 yield ".".join(map(str, (*links.path, "path_loss"))), " and ".join(reasons)
@@ -212,6 +220,7 @@ def searches(scenario: Scenario, links: RadioLinks) -> list[str]:
         "drones climb (map.dimensions: 3, map.obstacles)": links.highest_m > links.lowest_m,
         "drones interfere (interference)": links.radio.reuse > 0,
         "line of sight changes (line_of_sight)": links.radio.line_of_sight != "mean",
+        "links pass a cone (antenna)": links.radio.antenna.jumps,
         "links have shadowing (shadowing)": links.radio.shadowing is not None,
         "association compares levels": scenario.association.by_level,
     }
@@ -269,13 +278,6 @@ def demand_knows_volumes(scenario: Scenario) -> Iterator[Finding]:
             yield Finding(
                 key,
                 f"asks for the whole episode; the first service, {first}, asks for {others[first]}",
-                (("services",),),
-            )
-        if isinstance(demand, Trace) and others:
-            yield Finding(
-                key,
-                f"has service times (required_s); {', '.join(others)} would ask for "
-                f"{'volumes' if 'a volume' in others.values() else 'several times'}",
                 (("services",),),
             )
 
@@ -338,7 +340,7 @@ def _always_sees(path_loss: Any) -> bool:
 
 def _problem_of_rings(radio: LinkClasses, height_m: float) -> str:
     try:
-        rings(radio.path_loss, radio.carrier_ghz, height_m, radio.budget, radio.ladder)
+        rings(radio.loss, radio.carrier_ghz, height_m, radio.budget, radio.ladder)
         if radio.line_of_sight == "drawn":
             line_of_sight_ring_m(radio.path_loss, height_m, 0.5)
     except ValueError as error:

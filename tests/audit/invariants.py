@@ -392,8 +392,6 @@ def _levels(
             possible = possible_levels_dbm(simulation.world, key, radio, number, user, ends)
         else:
             away_m, above_m = math.hypot(x - place[0], y - place[1]), place[2] - heights_m[user]
-            possible = [
-                radio.power_dbm - radio.path_loss.mean_db(away_m, above_m, radio.carrier_ghz)
-            ]
+            possible = [radio.power_dbm - radio.loss.mean_db(away_m, above_m, radio.carrier_ghz)]
         levels_dbm.append((min(possible), max(possible)))
     return np.array(levels_dbm).T.reshape(2, len(checked))

@@ -99,7 +99,7 @@ def possible_levels_dbm(
     for cell in _cells(world, x, y):
         draws = draws_of(key, radio, transmitter, user, cell, len(world.homes), number)
         for clear in _clear(world, radio, draws.uniform, ends):
-            loss = radio.path_loss.los_db if clear else radio.path_loss.nlos_db
+            loss = radio.loss.los_db if clear else radio.loss.nlos_db
             extra_db = draws.los_db if clear else draws.nlos_db
             levels_dbm.append(radio.power_dbm - loss(*apart, radio.carrier_ghz) - extra_db)
     return levels_dbm
@@ -139,7 +139,7 @@ def _clear(
     (ux, uy, uz), (x, y, z) = ends
     elevation = math.degrees(math.atan2(z - uz, math.hypot(x - ux, y - uy)))
     turn = max(1e-5, math.degrees(TOUCH_M / max(math.dist(*ends), TOUCH_M)))
-    answers = [uniform < radio.path_loss.p_los(elevation + by) for by in (-turn, turn)]
+    answers = [uniform < radio.loss.p_los(elevation + by) for by in (-turn, turn)]
     return list(dict.fromkeys(answers))
 
 

@@ -112,7 +112,7 @@ def test_the_schema_has_mappings_where_scenarios_have_them() -> None:
     forms = json_schema()["$defs"]["Drones"]["properties"]["radio"]["anyOf"]
     links = next(form for form in forms if form["title"] == "link_classes")["properties"]
     kinds = {form.get("title") for form in links["path_loss"]["anyOf"]}
-    assert kinds == {"free_space", "log_distance", "al_hourani", "plug-in"}
+    assert kinds == {"free_space", "log_distance", "al_hourani", "tr36777", "plug-in"}
     assert {"enum": ["cqi", "mcs"]} in links["classes"]["anyOf"]
     (one,) = [form for form in links["classes"]["anyOf"] if form.get("type") == "array"]
     assert one["items"]["required"] == ["snr_db", "bit_s_hz"]

@@ -260,7 +260,7 @@ LOSS_SLOTS = (
     FunctionSlot(
         "path_loss",
         RowPathLoss,
-        lambda links: links.radio.path_loss if links.in_air else None,
+        lambda links: links.radio.loss if links.in_air else None,
         "loss_values",
         (LEVEL, BOUNDS, P_LOS),
     ),

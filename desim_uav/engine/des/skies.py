@@ -59,11 +59,11 @@ class Skies:
         constants.mark = self._with_room(links.mark, state, self._for_marks)
         for row, own in zip(constants.scene.radios, self.world.links, strict=True):
             if own.in_air:
-                loss = compiled_loss(own.radio.path_loss, float(own.radio.carrier_ghz))
+                loss = compiled_loss(own.radio.loss, float(own.radio.carrier_ghz))
                 row.level, row.rates, row.loss_values = loss.level, loss.rates, loss.values
                 self._kept.append(loss)  # which the constants point at
                 if own.radio.sight == "drawn":
-                    chance = compiled_chance(own.radio.path_loss)
+                    chance = compiled_chance(own.radio.loss)
                     row.p_los = chance.p_los
                     self._kept.append(chance)
         draw_curves(constants.scene)

@@ -6,10 +6,13 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from desim_uav.experiment.papers.row import GalleryRow, evaluated
-from desim_uav.experiment.papers.three_gpp import SCENARIOS
+from desim_uav.model.radio.three_gpp import Aerial, share_in_sight
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+SCENARIOS = {"RMa-AV": Aerial("rma"), "UMa-AV": Aerial("uma"), "UMi-AV": Aerial("umi")}
+"""The scenarios of the report by name."""
 
 SIGHT = (
     *(("RMa-AV", 30.0, 1000.0, 0.908744), ("RMa-AV", 40.0, 2000.0, 0.841166)),
@@ -30,7 +33,7 @@ def rows() -> Iterator[GalleryRow]:
     """Yield probabilities of line of sight, and losses at 2 GHz."""
     for name, height, distance, share in SIGHT:
         what = f"{name}, {height:.0f} m up, {distance:.0f} m away: line of sight"
-        ours = SCENARIOS[name].p_los(distance, height)
+        ours = share_in_sight(SCENARIOS[name].numbers, distance, height)
         yield evaluated(what, "table B-1, evaluated apart", share, ours, 6)
     for name, height, distance, *losses in LOSSES:
         model = SCENARIOS[name]
@@ -48,7 +51,11 @@ def draw() -> Figure:
 
     distances = [20.0 * k for k in range(201)]
     series = [
-        Series(name, distances, [model.p_los(distance, 30.0) for distance in distances])
+        Series(
+            name,
+            distances,
+            [share_in_sight(model.numbers, away, 30.0) for away in distances],
+        )
         for name, model in SCENARIOS.items()
     ]
     return lines_figure(

@@ -13,6 +13,7 @@ from annotated_types import Ge, Le
 from desim_uav.errors import SimulationError, did_you_mean
 from desim_uav.model.catalogue import Catalogue
 from desim_uav.model.demand.asking import NO_MORE_US, Asker, Offer, RowDemand, ask_for_mix
+from desim_uav.model.demand.recorded import recorded_values
 from desim_uav.model.demand.requests import (
     BANDWIDTH_BPS,
     DRAWN,
@@ -206,7 +207,12 @@ class Poisson(RowDemand):
 @register("demand", "trace")
 @dataclass(frozen=True)
 class Trace:
-    """Takes requests from a CSV file: user, t_s, service, required_s, bandwidth_kbps."""
+    """Takes requests from a CSV file: user, t_s, service, and what is asked for.
+
+    For a service of the kind `hold` this is in the columns required_s and bandwidth_kbps. Others
+    have a column for each of their lists, such as volume_mbit or input_mbit, in the same units; a
+    list of one value needs none.
+    """
 
     file: Path
     """The CSV file, relative to the scenario's file."""
@@ -221,8 +227,12 @@ class Trace:
     def __post_init__(self) -> None:
         """Read the file. Raises ValueError with file and line if it is not such a table."""
         for *_, required_s, _, line in self._table():
-            if round(required_s * US) < 1:
+            if required_s is not None and round(required_s * US) < 1:
                 raise ValueError(f"{self.file}:{line}: required_s: must be above 0")
+
+    def misfits(self, services: Mapping[str, Any]) -> list[str]:
+        """Return what the requests of the file lack, or must not ask for."""
+        return recorded_values(self.file, services).problems
 
     def problems(self, users: int, services: Sequence[str]) -> list[str]:
         """Return the problems of the file: users or services that the scenario does not have."""
@@ -267,7 +277,7 @@ class Trace:
         """Return the largest bandwidth that is asked for by each service."""
         largest: dict[str, float] = {}
         for _, _, service, _, kbps, _ in self._table():
-            largest[service] = max(kbps, largest.get(service, 0.0))
+            largest[service] = max(kbps or 0.0, largest.get(service, 0.0))
         return largest
 
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
@@ -278,15 +288,18 @@ class Trace:
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int
     ) -> Requests:
         """Return the recorded requests of an episode, which are the same in every episode."""
-        by_user: list[list[tuple[int, int, int, int]]] = [[] for _ in range(users)]
-        for user, t_s, service, required_s, kbps, _ in self._table():
+        by_user: list[list[list[int]]] = [[] for _ in range(users)]
+        drawn, width = recorded_values(self.file, services.offered).values, services.draws
+        for user, t_s, service, *_, line in self._table():
             due = self._due_us(t_s)
             if 0 <= due < horizon_us:
-                required_us, bps = round(required_s * US), round(kbps * 1000)
-                by_user[user].append((due, services.names.index(service), required_us, bps))
+                own = drawn[line] + [0] * (width - len(drawn[line]))
+                by_user[user].append([due, services.names.index(service), *own])
         rows = [row for own in by_user for row in sorted(own)]
-        offsets = np.cumsum([0, *map(len, by_user)])
-        return Requests(np.array(rows, np.int64).reshape(-1, 4), offsets, after_previous=False)
+        offsets, columns = np.cumsum([0, *map(len, by_user)]), DRAWN + width
+        return Requests(
+            np.array(rows, np.int64).reshape(-1, columns), offsets, after_previous=False
+        )
 
     def _due_us(self, t_s: float) -> int:
         """Return the time in an episode at a time of the recording."""
@@ -297,10 +310,9 @@ class Trace:
             "user": index,
             "t_s": quantity,
             "service": str,
-            "required_s": quantity,
-            "bandwidth_kbps": quantity,
         }
-        return read_table(self.file, columns)
+        times = {"required_s": quantity, "bandwidth_kbps": quantity}
+        return read_table(self.file, columns, times)
 
 
 def too_few(requests: float) -> Iterator[str]:

@@ -165,7 +165,7 @@ def fits_of(radio: Any, levels_m: Sequence[float], users_m: Sequence[float]) -> 
     budget = radio.budget
     largest_db = tuple(budget.largest_loss_db(one.snr_db) for one in radio.ladder)
     levels_and_users = tuple(levels_m), tuple(users_m)
-    path_loss, name = radio.path_loss, repr(radio.path_loss)
+    path_loss, name = radio.loss, repr(radio.loss)
     return _fits(path_loss, radio.carrier_ghz, largest_db, *levels_and_users, name)
 
 

@@ -53,7 +53,7 @@ Place = tuple[float, float]
 rates_at = pointer_to(RateRow)
 
 
-def _mean_db(cls: Any) -> Any:
+def mean_db_of(cls: Any) -> Any:
     """Return a rule that computes the mean loss of a class of path losses."""
     if cls.mean_db is not RowPathLoss.mean_db:
         return ruled(cls.mean_db)
@@ -73,7 +73,7 @@ def _mean_db(cls: Any) -> Any:
 @cache
 def _loss_of(cls: Any) -> Any:
     """Return a rule for the loss of a class of path losses, at a carrier and of a branch."""
-    mean_db, los_db, nlos_db = _mean_db(cls), ruled(cls.los_db), ruled(cls.nlos_db)
+    mean_db, los_db, nlos_db = mean_db_of(cls), ruled(cls.los_db), ruled(cls.nlos_db)
 
     @rule
     def loss_db(
@@ -101,7 +101,7 @@ def _level(cls: Any, values_at: Any) -> Any:
 
 
 @cache
-def _rates_of(cls: Any) -> Any:
+def rates_of_class(cls: Any) -> Any:
     """Return a rule that computes ``rates`` of a class of path losses at a carrier.
 
     If the class has no bounds, they are sampled at the carrier.
@@ -141,7 +141,7 @@ def _rates_of(cls: Any) -> Any:
 
 def _rates(cls: Any, values_at: Any) -> Any:
     """Return the function ``rates`` of a class of path losses (see ``Function.around``)."""
-    rates_of = _rates_of(cls)
+    rates_of = rates_of_class(cls)
 
     def rates(
         values: int,
@@ -189,10 +189,11 @@ class Loss(NamedTuple):
 def compiled_loss(path_loss: RowPathLoss, carrier_ghz: float = 2.0) -> Loss:
     """Compile a path loss.
 
-    Raises ScenarioError if it exceeds its bounds at a carrier (see ``problem_of_bounds``) or cannot
-    be compiled.
+    Raises ScenarioError if one's own exceeds its bounds at a carrier (see ``problem_of_bounds``),
+    or if it cannot be compiled.
     """
-    problem = problem_of_bounds(path_loss, carrier_ghz) or why_not_compiled(path_loss)
+    problem = "" if path_loss.is_built_in() else problem_of_bounds(path_loss, carrier_ghz)
+    problem = problem or why_not_compiled(path_loss)
     if problem:
         raise ScenarioError(f"path_loss: {kind_of(path_loss)!r}: {problem}")
     code = compiled((LEVEL, BOUNDS), path_loss, ())
@@ -219,7 +220,7 @@ def problem_of_bounds(path_loss: RowPathLoss, carrier_ghz: float) -> str:
     sampled = not path_loss.is_bounded()
     bounds = "sampled slope (it has no method slope)" if sampled else "slope"
     cls: Any = type(path_loss)
-    rates_of = _rates_of(cls)
+    rates_of = rates_of_class(cls)
     shares, places = ((0.1, 0.5), CHECKED[::3]) if sampled else ((0.001, 0.1, 0.5), CHECKED)
     for branch, place, share in product(_branches(cls), places, shares):
         within_m = share * math.hypot(*place)

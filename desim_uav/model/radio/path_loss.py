@@ -32,6 +32,21 @@ Rates = tuple[float, float, float, float]
 least and the most for a metre of height."""
 
 
+class Use(NamedTuple):
+    """What a scenario uses a path loss for.
+
+    The levels of the transmitter are between two heights above the ground. ``farthest_m`` is the
+    largest horizontal distance on the map, and ``tallest_user_m`` the greatest height of a user.
+    """
+
+    flies: bool
+    lowest_m: float
+    highest_m: float
+    farthest_m: float
+    tallest_user_m: float
+    line_of_sight: str
+
+
 class RowPathLoss:
     """A path loss that Python runs as it stands, and that can be compiled.
 
@@ -78,6 +93,10 @@ class RowPathLoss:
             self.nlos_db(distance_m, height_m, carrier_ghz),
         )
 
+    def problems(self, use: Use) -> Iterator[str]:
+        """Yield why the loss is not defined for what a scenario uses it for, by default nothing."""
+        yield from ()
+
     def slope(self, distance_m: float, height_m: float, within_m: float) -> tuple[float, float]:
         """Return the most that a level changes near a place, in dB for a metre.
 
@@ -95,6 +114,11 @@ class RowPathLoss:
         """
         away_db, over_db = self.slope(distance_m, height_m, within_m)
         return -away_db, 0.0, -over_db, over_db
+
+    @classmethod
+    def mixes(cls) -> bool:
+        """Return whether the mean loss is one over links with and without line of sight."""
+        return not (cls.p_los is RowPathLoss.p_los and cls.mean_db is RowPathLoss.mean_db)
 
     @classmethod
     def is_bounded(cls) -> bool:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol
 
 from annotated_types import Ge, Le, MaxLen, MinLen
 
+from desim_uav.model.radio.antenna import Isotropic, RowAntenna, received
 from desim_uav.model.radio.fading import Fading, NoFading
 from desim_uav.model.radio.link import (
     LADDERS,
@@ -23,7 +24,7 @@ from desim_uav.model.radio.link import (
 from desim_uav.model.radio.path_loss import AlHourani, RowPathLoss
 from desim_uav.model.radio.rings import rings
 from desim_uav.model.sharing import RowSharing
-from desim_uav.registry import ComponentField, NameOr, register, resolve
+from desim_uav.registry import ComponentField, NameOr, kind_name, register, resolve
 
 MILLION = 1_000_000
 MOST_REUSE = 100
@@ -135,6 +136,10 @@ class LinkClasses:
         field(default_factory=lambda: AlHourani("urban"))
     )
     """The loss of power between drone and user."""
+    antenna: Annotated[
+        RowAntenna, ComponentField("antenna", "isotropic", RowAntenna, by_name=True)
+    ] = field(default_factory=Isotropic)
+    """The antenna, which points straight down. Its gain adds to the received level."""
     line_of_sight: Literal["mean", "drawn", "buildings"] = "mean"
     """`mean`: the mean loss over links with and without line of sight. `drawn`: a draw for each
     user, drone and cell of the drone says which it is. `buildings`: the buildings of the map do.
@@ -172,7 +177,7 @@ class LinkClasses:
     they share it with all else. Uploads are inputs of tasks, and updates of sensors.
     """
 
-    later: ClassVar = ("uplink_mhz", "fading")
+    later: ClassVar = ("uplink_mhz", "fading", "antenna")
     graded: ClassVar[bool] = True
     flat: ClassVar[bool] = False
 
@@ -189,6 +194,12 @@ class LinkClasses:
             raise ValueError(
                 f"interference must be none, co_channel or {{reuse: n}}, not {self.interference!r}"
             )
+        if self.antenna.jumps and self.marked_by_draws:
+            raise ValueError(
+                f"the antenna {kind_name(self.antenna)} needs line_of_sight: mean and no "
+                "shadowing: within the cone and outside of it, links have two losses already"
+            )
+        received(self.path_loss, self.antenna)
         if self.interference != "none" and self.fading.margin_db() != 0.0:
             raise ValueError(
                 "fading needs interference: none, because the outage that it states is that of the "
@@ -214,13 +225,24 @@ class LinkClasses:
     @property
     def marked(self) -> bool:
         """Whether the line of sight, or shadowing, of a link changes."""
+        return self.marked_by_draws or self.antenna.jumps
+
+    @property
+    def marked_by_draws(self) -> bool:
+        """Whether draws or buildings change the line of sight, or shadowing, of a link."""
         return self.line_of_sight != "mean" or self.shadowing is not None
+
+    @property
+    def loss(self) -> RowPathLoss:
+        """The path loss, from which the gain of the antenna is subtracted."""
+        return received(self.path_loss, self.antenna)
 
     @property
     def sight(self) -> str:
         """The line of sight of marked links.
 
-        With ``mean``, shadowing is for a path loss with which users always see drones.
+        With ``mean``, shadowing is for a path loss with which users always see drones. A cone is
+        passed as a drawn line of sight is, with the same draw for all links.
         """
         return "drawn" if self.marked and self.line_of_sight == "mean" else self.line_of_sight
 
@@ -246,5 +268,5 @@ class LinkClasses:
 
     def radii_m(self, height_m: float, disc_m: float) -> tuple[float, ...]:
         """Return the radii within which the mean level reaches the thresholds of the classes."""
-        means_m = rings(self.path_loss, self.carrier_ghz, height_m, self.budget, self.ladder).mean_m
+        means_m = rings(self.loss, self.carrier_ghz, height_m, self.budget, self.ladder).mean_m
         return tuple(radius_m if radius_m > 0.0 else -1.0 for radius_m in means_m)

@@ -63,7 +63,7 @@ def _chance(radio: Any, buildings: Buildings, place: Any, user: Any) -> float:
     if radio.sight == "buildings":
         return float(_is_clear(buildings, place, user))
     away_m = math.hypot(place[0] - user[0], place[1] - user[1])
-    return float(radio.path_loss.p_los(elevation_deg(away_m, place[2] - user[2])))
+    return float(radio.loss.p_los(elevation_deg(away_m, place[2] - user[2])))
 
 
 def _is_clear(buildings: Buildings, place: Any, user: Any) -> bool:

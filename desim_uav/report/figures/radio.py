@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError, in_short
+from desim_uav.model.radio.path_loss import Use
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.palette import drone_colour
 from desim_uav.registry import naming_plug_ins
@@ -175,10 +176,11 @@ class RadioView:
     def _level_dbm(self, distance_m: float, height_m: float) -> float:
         """Return the mean level, or NaN where the path loss is not defined."""
         radio = self.radio
+        where = Use(True, height_m, height_m, distance_m, 0.0, "mean")
+        if any(radio.path_loss.problems(where)):
+            return float("nan")
         try:
-            return radio.power_dbm - radio.path_loss.mean_db(
-                distance_m, height_m, radio.carrier_ghz
-            )
+            return radio.power_dbm - radio.loss.mean_db(distance_m, height_m, radio.carrier_ghz)
         except (ValueError, ArithmeticError):
             return float("nan")
 

@@ -175,7 +175,12 @@ class TestInAScenario:
         return model.model_validate({"path_loss": keys}).path_loss
 
     def test_kinds(self):
-        assert registry.names("path_loss") == ["free_space", "log_distance", "al_hourani"]
+        assert registry.names("path_loss") == [
+            "free_space",
+            "log_distance",
+            "al_hourani",
+            "tr36777",
+        ]
 
     def test_written_and_read_again(self):
         model = self.made(kind="al_hourani", environment="urban")
