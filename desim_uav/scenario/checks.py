@@ -72,7 +72,10 @@ def a_battery_needs_a_station(scenario: Scenario) -> Iterator[Finding]:
 
 
 def stations_have_their_own_cells(scenario: Scenario) -> Iterator[Finding]:
-    """Two stations on one cell."""
+    """Two stations on one cell, or given cells off the map."""
+    if scenario.stations.cells is not None:
+        yield from _given_stations(scenario, scenario.stations.cells)
+        return
     station_on: dict[Cell, int] = {}
     for station, cell in enumerate(station_cells(scenario)):
         if cell in station_on:
@@ -356,6 +359,17 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     shields_hold,
     *radio_checks.CHECKS,
 )
+
+
+def _given_stations(scenario: Scenario, cells: tuple[Cell, ...]) -> Iterator[Finding]:
+    path = ("stations", "cells")
+    for index, cell in enumerate(cells):
+        if not _on_map(scenario, cell):
+            yield Finding((*path, index), _off_map(scenario), (("map", "cells"),))
+        elif cell in cells[:index]:
+            first = cells.index(cell)
+            yield Finding((*path, index), f"this cell is given twice, first as {path[-1]}.{first}")
+
 
 _GRID: tuple[KeyPath, ...] = (("map", "size_m"), ("map", "cells"))
 _USER_COUNT: tuple[KeyPath, ...] = (("users", "count"), ("users", "positions_m"), ("users",))
