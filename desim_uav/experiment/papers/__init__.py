@@ -21,6 +21,7 @@ from desim_uav.experiment.papers import (
     wang_2021,
     wu_2018,
     zeng,
+    zhang_2017,
 )
 from desim_uav.experiment.papers.row import GalleryRow
 
@@ -120,7 +121,7 @@ ENTRIES = {
         "IEEE Transactions on Wireless Communications 18(4), 2019",
         zeng.rows,
         zeng.draw,
-        compared="the power of flight and the best speeds",
+        compared="the power of flight, the best speeds, and the energy of plans that hover",
         doi="10.1109/TWC.2019.2902559",
     ),
     "zeng_2017": Entry(
@@ -134,8 +135,17 @@ ENTRIES = {
         "Wu, Zeng, Zhang: Joint trajectory and communication design for multi-UAV enabled wireless "
         "networks. IEEE Transactions on Wireless Communications 17(3), 2018",
         wu_2018.rows,
-        compared="the bound of the max-min rate",
+        wu_2018.draw,
+        compared="the bound of the max-min rate; static, circular and optimised flights",
         doi="10.1109/TWC.2017.2789293",
+    ),
+    "zhang_2017": Entry(
+        "Zhang, Zeng, Zhang: Cellular-enabled UAV communication: trajectory optimization under "
+        "connectivity constraint. IEEE ICC 2018",
+        zhang_2017.rows,
+        zhang_2017.draw,
+        compared="the shortest flights on which a base station is always heard",
+        doi="10.48550/arXiv.1710.11619",
     ),
     "kaul_2012": Entry(
         "Kaul, Yates, Gruteser: Real-time status: how often should one update? IEEE INFOCOM 2012",

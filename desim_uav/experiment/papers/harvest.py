@@ -117,7 +117,7 @@ class Mission(NamedTuple):
 
 
 def drawn(town: Town, seed: int) -> Mission:
-    """Return a mission: all its numbers are uniform, and no two devices, or drones, share a cell."""
+    """Return a mission: its numbers are uniform, and no two devices, or drones, share a cell."""
     rng = np.random.default_rng(seed)
     drones, devices = (int(rng.integers(*ends, endpoint=True)) for ends in (DRONES, DEVICES))
     return Mission(
