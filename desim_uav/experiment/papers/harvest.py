@@ -236,10 +236,28 @@ class Ground:
         return world.actions.index(next(a for a, move in MOVES.items() if move == (dx, dy, 0)))
 
 
+def blocks(side: int) -> list[list[int]]:
+    """Return 25 blocks of so many cells by as many, as buildings of 30 m."""
+    corners, inside = range(5, 30, 5), range(side)
+    return [[x + i, y + j, 30] for y in corners for j in inside for x in corners for i in inside]
+
+
+CORNER = [[x, y] for x in range(3) for y in range(29, 32)]
+
+GROUNDS: dict[str, dict[str, Any]] = {
+    "our map": {},
+    "streets of 3 cells": {"map.obstacles.cells": blocks(2)},
+    "streets of 1 cell": {"map.obstacles.cells": blocks(4)},
+    "one landing corner": {"stations.cells": CORNER},
+    "no shadowing": {"drones.radio.shadowing": None},
+}
+"""How the scenario is changed, by name."""
+
+
 @cache
-def ground_of(changes: tuple[tuple[str, Any], ...] = ()) -> Ground:
-    """Return the ground of the scenario with some keys changed, which is made once."""
-    return Ground(dict(changes))
+def ground_of(name: str = "our map") -> Ground:
+    """Return one of the grounds, which is made once."""
+    return Ground(GROUNDS[name])
 
 
 def units_left(engine: Engine, devices: int) -> Floats:
