@@ -156,10 +156,10 @@ class Outcome(NamedTuple):
 
 
 class Ground:
-    """The town of a scenario, and an engine for each number of drones."""
+    """The town of a scenario, and an engine for each number of drones, which ``kind`` names."""
 
-    def __init__(self, changes: Mapping[str, Any]) -> None:
-        self.changes = dict(changes)
+    def __init__(self, changes: Mapping[str, Any], kind: str = "batch") -> None:
+        self.changes, self.kind = dict(changes), kind
         self._engines: dict[int, Engine] = {}
 
     @cached_property
@@ -173,7 +173,7 @@ class Ground:
             changes = self.changes | {"drones.count": drones}
             world = build_world(scenario_of(SCENARIO, changes), 0)
             settings = RunSettings((True,) * drones, False, keep_steps=False)
-            self._engines[drones] = make_engine("batch", world, settings)
+            self._engines[drones] = make_engine(self.kind, world, settings)
         return self._engines[drones]
 
     def flown(self, mission: Mission, seed: int, choose: Choose) -> Outcome:
