@@ -28,6 +28,7 @@ from desim_uav.model.radio.path_loss import NLOS, Rates, RowPathLoss
 from desim_uav.model.radio.slopes import logistic_rates
 from desim_uav.model.rules import DECIDES, MOVES, US, Action, Mode
 from desim_uav.model.services import MICROBITS
+from desim_uav.model.state import Observation
 from desim_uav.sample_path import draw
 from desim_uav.world import World, build_world
 
@@ -187,7 +188,7 @@ class Ground:
                 break
             sight = Sight(
                 np.array([town.number[drone.x, drone.y] for drone in engine.drones]),
-                np.array([drone.charge // STEP_US for drone in engine.drones]),
+                np.array([steps_left(one) for one in snapshot.observations]),
                 np.array([mode in DECIDES for mode in modes]),
                 units_left(engine, devices),
             )
@@ -258,6 +259,11 @@ GROUNDS: dict[str, dict[str, Any]] = {
 def ground_of(name: str = "our map") -> Ground:
     """Return one of the grounds, which is made once."""
     return Ground(GROUNDS[name])
+
+
+def steps_left(observation: Observation) -> int:
+    """Return how many whole steps the battery of a drone lasts."""
+    return round((observation.battery_s or 0.0) * US) // STEP_US
 
 
 def units_left(engine: Engine, devices: int) -> Floats:
