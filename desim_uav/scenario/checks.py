@@ -26,6 +26,15 @@ from desim_uav.scenario.epochs import decisions_by_event_fit_the_scenario
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
+from desim_uav.scenario.place_checks import (
+    GRID,
+    drones_start_on_the_map,
+    off_map,
+    on_map,
+    stations_have_their_own_cells,
+    text_of,
+    users_are_on_the_map,
+)
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.sensors import (
     only_sensors_send_updates,
@@ -70,51 +79,6 @@ def a_battery_needs_a_station(scenario: Scenario) -> Iterator[Finding]:
             "a limited battery needs a charging station: at least 1, or drones.battery: null",
             tuple((*key, "battery") for key in scenario.fleet_keys),
         )
-
-
-def stations_have_their_own_cells(scenario: Scenario) -> Iterator[Finding]:
-    """Two stations on one cell."""
-    station_on: dict[Cell, int] = {}
-    for station, cell in enumerate(station_cells(scenario)):
-        if cell in station_on:
-            yield Finding(
-                ("stations", "radius_m"),
-                f"stations {station_on[cell]} and {station} stand on one cell {_text_of(cell)}; "
-                f"take fewer stations, a larger circle or smaller cells",
-                (("stations", "count"), *_GRID),
-            )
-            return
-        station_on[cell] = station
-
-
-def drones_start_on_the_map(scenario: Scenario) -> Iterator[Finding]:
-    """Start cells: one a drone, each on the map."""
-    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
-        cells, path = drones.start_cells, (*key, "start_cells")
-        if cells is None:
-            continue
-        if len(cells) != drones.count:
-            yield Finding(
-                path,
-                f"must be one cell a drone: {drones.count}, not {len(cells)}",
-                ((*key, "count"),),
-            )
-        for index, cell in enumerate(cells):
-            if not _on_map(scenario, cell):
-                yield Finding((*path, index), _off_map(scenario), (("map", "cells"),))
-
-
-def users_are_on_the_map(scenario: Scenario) -> Iterator[Finding]:
-    """Given positions off the map."""
-    width, depth = scenario.map.size_m
-    for key, users in zip(scenario.user_keys, scenario.user_groups, strict=True):
-        for index, (x, y) in enumerate(users.positions_m or ()):
-            if x > width or y > depth:
-                yield Finding(
-                    (*key, "positions_m", index),
-                    f"off the map, which is {width:g} x {depth:g} m",
-                    (("map", "size_m"),),
-                )
 
 
 def obstacles_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
@@ -183,7 +147,7 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
         scenario.map.obstacles is not None or scenario.map.levels.max_altitude_m is not None
     ):
         hops["between levels"] = (0, 0, 1), scenario.map.levels.step_m
-    also = (*_GRID, ("map", "levels", "step_m"), ("map", "dimensions"), ("episode", "step_s"))
+    also = (*GRID, ("map", "levels", "step_m"), ("map", "dimensions"), ("episode", "step_s"))
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         if flies_freely(drones):
             continue
@@ -356,7 +320,6 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     *radio_checks.CHECKS,
 )
 
-_GRID: tuple[KeyPath, ...] = (("map", "size_m"), ("map", "cells"))
 _USER_COUNT: tuple[KeyPath, ...] = (("users", "count"), ("users", "positions_m"), ("users",))
 
 
@@ -370,9 +333,9 @@ def _listed_obstacles(scenario: Scenario, obstacles: ListedObstacles) -> Iterato
     index_of: dict[Cell, int] = {}
     sound = True
     for index, (ix, iy, _) in enumerate(obstacles.cells):
-        cell, problem, also = (ix, iy), "", (*_GRID, *layout)
-        if not _on_map(scenario, cell):
-            problem, also = _off_map(scenario), (("map", "cells"),)
+        cell, problem, also = (ix, iy), "", (*GRID, *layout)
+        if not on_map(scenario, cell):
+            problem, also = off_map(scenario), (("map", "cells"),)
         elif cell in index_of:
             problem, also = f"this cell is given twice, first as {path[-1]}.{index_of[cell]}", ()
         elif cell in kept_free:
@@ -382,7 +345,7 @@ def _listed_obstacles(scenario: Scenario, obstacles: ListedObstacles) -> Iterato
             yield Finding((*path, index), problem, also)
         index_of.setdefault(cell, index)
     if sound:
-        yield from _cut_off(scenario, obstacles, list(kept_free), (*_GRID, *layout))
+        yield from _cut_off(scenario, obstacles, list(kept_free), (*GRID, *layout))
 
 
 def _cut_off(
@@ -392,13 +355,13 @@ def _cut_off(
     blocked = np.zeros(scenario.map.cells, np.bool_)
     for ix, iy, height in obstacles.cells:
         blocked[ix, iy] = height >= lowest
-    cells = [cell for cell in cells if _on_map(scenario, cell)]
+    cells = [cell for cell in cells if on_map(scenario, cell)]
     reached = reachable(blocked, cells[0]) if cells else blocked
     for cell in cells:
         if not reached[cell]:
             yield Finding(
                 ("map", "obstacles", "cells"),
-                f"the buildings cut {_text_of(cell)} off from {_text_of(cells[0])} "
+                f"the buildings cut {text_of(cell)} off from {text_of(cells[0])} "
                 f"at the lowest level, {lowest:g} m",
                 (*also, ("map", "levels", "min_altitude_m")),
             )
@@ -430,16 +393,3 @@ def _own_problems(
     if len(problems) > MAX_TRACE_PROBLEMS:
         more = len(problems) - MAX_TRACE_PROBLEMS
         yield Finding(where, f"and {more} more problems of this kind", also)
-
-
-def _on_map(scenario: Scenario, cell: Cell) -> bool:
-    return cell[0] < scenario.map.cells[0] and cell[1] < scenario.map.cells[1]
-
-
-def _off_map(scenario: Scenario) -> str:
-    nx, ny = scenario.map.cells
-    return f"off the map, which is {nx} x {ny} cells, counted from 0"
-
-
-def _text_of(cell: Cell) -> str:
-    return f"[{cell[0]}, {cell[1]}]"

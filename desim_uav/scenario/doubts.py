@@ -71,7 +71,7 @@ def circles_fit_the_map(scenario: Scenario) -> Iterator[str]:
                 f"and more lie in the middle of {on_map} (map.size_m), one upon the other"
             )
     on_circle = stations.count > 0 or any(one.start_cells is None for one in scenario.fleet)
-    if on_circle and stations.radius_m > half:
+    if stations.cells is None and on_circle and stations.radius_m > half:
         yield (
             f"stations.radius_m: {stations.radius_m:g}: the circle leaves {on_map} (map.size_m); "
             f"what is off it is moved to its edge"

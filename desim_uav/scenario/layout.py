@@ -11,8 +11,10 @@ from desim_uav.scenario.schema import Scenario
 
 
 def station_cells(scenario: Scenario) -> list[Cell]:
-    """Return the cells of the charging stations, which lie on a circle, clockwise from north."""
+    """Return the cells of the charging stations: as given, or on a circle clockwise from north."""
     stations = scenario.stations
+    if stations.cells is not None:
+        return list(stations.cells)
     if stations.placement == "equidistant" and stations.count > 0:
         return _equidistant(scenario)
     return _on_circle(scenario, stations.count)

@@ -29,7 +29,7 @@ from desim_uav.scenario.description import code_of, described, unchanged
 from desim_uav.scenario.draft import MAX_PROBLEMS, ScenarioDraft, override_path, plain_copy
 from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.preset import paper_preset
-from desim_uav.scenario.schema import Scenario
+from desim_uav.scenario.schema import ON_CIRCLE, Scenario
 from desim_uav.shipped import find_scenario, shipped_extract
 from desim_uav.typed import typed
 
@@ -188,6 +188,8 @@ def to_plain(scenario: Scenario) -> dict[str, Any]:
         if drones.radio.graded:
             own = plain["drones"][number[0]] if number else plain["drones"]
             del own["footprint_radius_m"], own["bandwidth_kbps"]
+    for name in ("cells",) if scenario.stations.cells is None else ON_CIRCLE:
+        del plain["stations"][name]
     del plain["stations"]["charging" if scenario.stations.charging is None else "full_charge_min"]
     return plain
 

@@ -31,6 +31,7 @@ from desim_uav.scenario.components import errors
 from desim_uav.scenario.drones import Drones, Types, as_fleet, flies_freely
 from desim_uav.scenario.fields import (
     Height,
+    Index,
     Length,
     Metres,
     Name,
@@ -57,14 +58,17 @@ from desim_uav.scenario.slots import (
 from desim_uav.scenario.users import Asking, Groups, Users, as_groups
 from desim_uav.scenario.yaml12 import KeyPath
 
+ON_CIRCLE = ("count", "radius_m", "placement")
+"""The keys of stations that say where they stand on a circle."""
+
 
 class Stations(Section):
-    """The charging stations, on a circle around the middle of the map; count 0: none."""
+    """The charging stations, on a circle around the middle of the map or at given cells."""
 
-    later: ClassVar = ("charging",)
+    later: ClassVar = ("charging", "cells")
 
     count: Annotated[int, Field(ge=0, le=1000)] = 3
-    """The number of charging stations."""
+    """The number of charging stations; 0: none."""
     radius_m: Length = 960.0
     """The radius of the circle around the middle of the map on which they stand, in metres. The
     default is for a map of 2400 m; it is scaled with the shorter side of the map.
@@ -72,6 +76,12 @@ class Stations(Section):
     placement: Literal["nearest", "equidistant"] = "nearest"
     """`nearest`: each stands on the cell that contains its point of the circle. `equidistant`: on
     cells whose centres are all equally far from the middle of the map.
+    """
+    cells: (
+        Annotated[tuple[tuple[Index, Index], ...], Field(min_length=1, max_length=1000)] | None
+    ) = None
+    """The cell [x, y] of each station, instead of `count`, `radius_m` and `placement`; null means
+    on the circle.
     """
     pads: Annotated[int, Field(ge=1, le=10_000)] = 1
     """The number of drones that a station can charge at the same time."""
@@ -85,6 +95,16 @@ class Stations(Section):
         if self.charging is not None and "full_charge_min" in self.model_fields_set:
             problem = "not beside stations.charging, which says how long it takes"
             raise errors([(("full_charge_min",), problem, self.full_charge_min)])
+        return self
+
+    @model_validator(mode="after")
+    def _cells_are_counted(self) -> Stations:
+        if self.cells is not None:
+            problem = "not beside stations.cells, which says where they stand"
+            beside = [name for name in ON_CIRCLE if name in self.model_fields_set]
+            if beside:
+                raise errors([((name,), problem, getattr(self, name)) for name in beside])
+            self._settle(count=len(self.cells))
         return self
 
 

@@ -28,7 +28,7 @@ from tests.verification import age_laws
 from tests.verification.figure import Estimate
 
 DOCS = Path(__file__).parents[2] / "docs"
-MINUTES = {"brunori_2021", "kaul_2012", "costa_2016", "do_2026"}
+MINUTES = {"brunori_2021", "kaul_2012", "costa_2016", "do_2026", "bayerlein_2021"}
 """The papers that take minutes."""
 
 

@@ -21,7 +21,15 @@ from desim_uav.rules.qoe_reward import QoE
 from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.learning import Schedule
-from desim_uav.scenario.load import dump, from_mapping, json_schema, load, loads, scenario_hash
+from desim_uav.scenario.load import (
+    dump,
+    from_mapping,
+    json_schema,
+    load,
+    loads,
+    scenario_hash,
+    to_plain,
+)
 from desim_uav.scenario.map import ListedObstacles
 from desim_uav.scenario.schema import EpisodeKeys, Scenario
 from desim_uav.scenario.yaml12 import plain_scalar, read
@@ -100,6 +108,37 @@ def test_null_battery_and_bandwidth_are_unlimited() -> None:
 
 def test_stations_of_case_8() -> None:
     assert station_cells(load(shipped.find_scenario("case8"))) == [(5, 9), (8, 3), (1, 3)]
+
+
+def test_stations_on_given_cells() -> None:
+    scenario = loads("{stations: {cells: [[0, 9], [9, 0]]}, drones: {count: 3}}")
+    assert scenario.stations.count == 2
+    assert station_cells(scenario) == [(0, 9), (9, 0)]
+    assert start_cells(scenario) == [(0, 9), (9, 0), (0, 9)]
+    assert "radius_m" not in to_plain(scenario)["stations"]
+    assert loads(dump(scenario)) == scenario
+    assert "cells" not in to_plain(Scenario())["stations"]
+
+
+@pytest.mark.parametrize(
+    ("stations", "message"),
+    [
+        ("{cells: [[0, 9]], count: 1}", "stations.count: 1: not beside stations.cells"),
+        ("{cells: [[0, 9]], placement: nearest}", "stations.placement: .*: not beside"),
+        ("{cells: [[0, 9]], radius_m: 5}", "stations.radius_m: 5: not beside stations.cells"),
+        ("{cells: [[0, 9], [10, 9]]}", r"stations.cells.1: \[10, 9\]: .*map"),
+        ("{cells: [[0, 9], [1, 9], [0, 9]]}", "stations.cells.2: .*given twice, first as cells.0"),
+        ("{cells: []}", "stations.cells: .*at least 1"),
+    ],
+)
+def test_given_stations_that_cannot_be(stations: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        loads(f"stations: {stations}")
+
+
+def test_no_building_stands_on_a_given_station() -> None:
+    with pytest.raises(ScenarioError, match="a building on a station's cell"):
+        loads("{stations: {cells: [[3, 4]]}, map: {obstacles: {cells: [[3, 4, 30]]}}}")
 
 
 def test_drones_start_on_stations_round_robin() -> None:

@@ -11,6 +11,7 @@ from desim_uav.experiment.papers import (
     age_queues,
     al_hourani,
     andrews,
+    bayerlein_2021,
     brunori,
     class_rings,
     do_2026,
@@ -23,6 +24,7 @@ from desim_uav.experiment.papers import (
     zeng,
     zhang_2017,
 )
+from desim_uav.experiment.papers.harvest import SCENARIO
 from desim_uav.experiment.papers.row import GalleryRow
 
 if TYPE_CHECKING:
@@ -172,6 +174,15 @@ ENTRIES = {
         compared="the delay of tasks over their size, and that of a learned share",
         doi="10.1007/s11276-021-02632-z",
         scenarios=(wang_2021.ONE_TASK, wang_2021.LEARNED),
+    ),
+    "bayerlein_2021": Entry(
+        "Bayerlein, Theile, Caccamo, Gesbert: Multi-UAV path planning for wireless data harvesting "
+        "with deep reinforcement learning. IEEE Open Journal of the Communications Society 2, 2021",
+        bayerlein_2021.rows,
+        bayerlein_2021.draw,
+        compared="the shares of missions that land, and of data that is collected",
+        doi="10.1109/OJCOMS.2021.3081996",
+        scenarios=(SCENARIO,),
     ),
     "do_2026": Entry(
         "Do: Congestion-aware joint charging-station placement, capacity, and swarm-UAV trajectory "
