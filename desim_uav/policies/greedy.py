@@ -26,6 +26,12 @@ OPTIONS = {
     "rounds": Option(2, 1, 100),
     "every": Option(1, 1, 1000),
     "age": Option(1.0, 0.0, 1000.0),
+    "discount": Option(0.0, 0.0, 10.0),
+    "share": Option(1.0, 0.0, 2.0),
+    "charge": Option(1.0, 0.0, 10.0),
+    "spread": Option(1.0, 0.0, 10.0),
+    "margin": Option(0.0, -0.9, 1.0),
+    "starts": Option(1, 1, 100),
 }
 
 BEYOND = 8
@@ -129,7 +135,7 @@ class Greedy:
     def in_rollouts(self, horizon: int) -> Greedy:
         """Return a policy that does nearly the same in simulations, but plans once in each."""
         plans_for = min(self.options["horizon"], horizon + BEYOND)
-        changes = {"horizon": plans_for, "every": horizon, "rounds": 1}
+        changes = {"horizon": plans_for, "every": horizon, "rounds": 1, "starts": 1}
         quick = Greedy(**{**self.options, **changes})
         quick._grounds = self._grounds
         return quick
