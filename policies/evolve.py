@@ -61,10 +61,11 @@ def options_of(worlds="own", **changes):
 def kind_of(scenario):
     """The module of what is learned: the class of the policy, its weights and their scales."""
     world = build_world(scenario, 0)
-    kind = dispatcher if world.free and world.by_event else planner
-    if problem := kind.problem_of(world):
+    if not (world.free and world.by_event):
+        return planner
+    if problem := dispatcher.problem_of(world):
         raise UsageError(f"{scenario.name}: {problem}")
-    return kind
+    return dispatcher
 
 
 def policy_of(kind, weights):
@@ -96,13 +97,11 @@ def flown(world, policy, seed, episodes):
 
 
 def worlds_of(scenario, options, generation):
-    """The worlds of a generation, each with the policy that plans in it, whatever its weights."""
-    own = scenario.world_seed if scenario.world_seed is not None else 0
-    seeds = range(own, own + 1)
-    if options.worlds == "train":
-        first = (options.seed * 2**10 + generation * options.many) % len(WORLDS["train"])
-        seeds = [WORLDS["train"][(first + k) % len(WORLDS["train"])] for k in range(options.many)]
-    return [build_world(scenario, seed) for seed in seeds]
+    """The worlds of a generation: that of the scenario, or the next ones of those to train in."""
+    if options.worlds == "own":
+        return [build_world(scenario, scenario.world_seed or 0)]
+    seeds, first = WORLDS["train"], generation * options.many
+    return [build_world(scenario, seeds[(first + k) % len(seeds)]) for k in range(options.many)]
 
 
 def train(scenario, options, save=lambda kind, weights, steps: None, say=lambda line: None):

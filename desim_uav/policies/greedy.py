@@ -54,6 +54,11 @@ class Greedy:
     Each type of drones has places, moves, footprints and batteries of its own (``Ground``). Drones
     that fly freely plan over a lattice of points, and charge by returns.
 
+    With several ``starts``, plans are also made from nothing, and those worth most are kept. All
+    weights fall at the rate ``discount`` per step. The cover by another drone takes the ``share``
+    of a user's weight. ``charge``, ``spread`` and 1 + ``margin`` are factors of the worth of the
+    charge that is left, of the error of users' expected places, and of the radii of footprints.
+
     Plans contain when and where drones charge, and no plan lets a battery run empty.
     """
 

@@ -8,7 +8,6 @@ from desim_uav.policies.greedy import OPTIONS, Greedy
 from desim_uav.policies.weights_file import weights_in
 from desim_uav.registry import register
 from desim_uav.shipped import find_table
-from desim_uav.world import World
 
 ARRAY = "planner"
 """The name of the array in a file, by which it is known from other policy files."""
@@ -29,11 +28,6 @@ WEIGHTS = {name: OPTIONS[name].default for name in SCALES}
 
 SETTINGS = {"horizon": 20, "starts": 2}
 """The options of ``greedy`` that are set, and not learned."""
-
-
-def problem_of(world: World) -> str:
-    """Return why the numbers cannot be learned in a world; "" if they can."""
-    return ""
 
 
 def options_of(weights: dict[str, float]) -> dict[str, Any]:

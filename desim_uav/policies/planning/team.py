@@ -148,7 +148,7 @@ class TeamPlanner:
         self._in_turn(free, rounds)
         for start in range(1, self.habits.starts if len(free) > 1 else 0):
             self.settled, most = True, self.total()
-            before = [one.copy() for one in (self.plans, self.covers, self.busy, self.ends)]
+            before = self.plans.copy(), self.covers.copy(), self.busy.copy(), self.ends.copy()
             for d in free:
                 self.plans[d] = -1
                 self._hold(d)
