@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -29,6 +28,7 @@ from typing import Any
 
 import leaderboard_pages
 import yaml
+from leaderboard_pages import Planned
 from leaderboard_times import Times, spent_s
 
 import desim_uav as du
@@ -39,7 +39,8 @@ from desim_uav.experiment.bench.run import submit
 from desim_uav.experiment.bench.submission import Submission, read
 from desim_uav.experiment.bench.tasks import FAMILIES, TRACKS, BenchTrack, Task, find_task
 from desim_uav.experiment.bench.verify import differences
-from desim_uav.experiment.processes import run_each
+from desim_uav.experiment.interrupt import end_politely
+from desim_uav.experiment.processes import run_each, run_script
 from desim_uav.policies.mlp import MlpFile
 from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.load import loads
@@ -197,6 +198,7 @@ def main() -> int:
     parser.add_argument("--pages", action="store_true", help="only write the pages")
     parser.add_argument("parts", nargs="*", metavar="PART", help="make only parts with such names")
     asked = parser.parse_args()
+    end_politely()
     try:
         unlike = make(asked.parts, asked.jobs, only_list=asked.list, only_pages=asked.pages)
     except DesimError as error:
@@ -238,12 +240,16 @@ def make(parts: Sequence[str], jobs: int, *, only_list: bool, only_pages: bool) 
 
 def _write(times: Times) -> None:
     """Write the pages of the submissions that are there."""
-    since_s, planned = spent_s(), entries()
-    there = [submission for one in planned if (submission := one.submission()) is not None]
+    since_s, planned = spent_s(), {one: one.submission() for one in entries()}
+    there = [submission for submission in planned.values() if submission is not None]
+    plan = [
+        Planned(one.task, one.track.name, one.contender.name, submission is not None)
+        for one, submission in planned.items()
+    ]
 
     def costs() -> str:
         times.add("pages", "pages", spent_s() - since_s, anew=True)
-        return leaderboard_pages.costs(len(there), len(planned), times)
+        return leaderboard_pages.costs(plan, times)
 
     leaderboard_pages.write(PAGES, there, _checks(), costs)
     print(f"{PAGES}: {len(there)} of {len(planned)} submissions")
@@ -296,11 +302,9 @@ def trained(training: Training) -> float:
         options = ["--seed", str(training.seed), "--out", str(new / "policy.npz")]
         options += [*SETTINGS, *NETWORKS[learner], *own_reward(task)]
         words = [str(ROOT / "policies" / "ppo.py"), str(task.path), *options]
-        ended = subprocess.run(
-            [sys.executable, *words], check=False, capture_output=True, text=True
-        )
-        if ended.returncode != 0:
-            raise SimulationError(f"{training.name}: {ended.stderr.strip() or 'it has failed'}")
+        code, said = run_script(words)
+        if code != 0:
+            raise SimulationError(f"{training.name}: {said.strip() or 'it has failed'}")
     else:
         du.train(
             task.path, algorithm=learner, seed=training.seed, world_seed=0, progress=False

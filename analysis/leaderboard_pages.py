@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from leaderboard_times import Times
@@ -37,6 +37,15 @@ NEARLY_SOLVED, MANY = 0.9, 3
 """A score above which little is left to gain, and the policies that a task should tell apart."""
 
 Table = dict[str, Any]
+
+
+class Planned(NamedTuple):
+    """A submission of the plan: its task, track and policy, and whether it is there."""
+
+    task: Task
+    track: str
+    policy: str
+    there: bool
 
 
 def write(
@@ -193,17 +202,42 @@ def _of_several(table: Table) -> str:
     )
 
 
-def costs(there: int, planned: int, times: Times) -> str:
-    """Return how many submissions are there, and the processor time by kind of parts."""
+def costs(plan: Sequence[Planned], times: Times) -> str:
+    """Return what of the plan is there and what is missing, and the processor time by kind."""
     sums = times.sums()
     lines = [[kind, str(count), f"{spent_s / 60:.1f}"] for kind, (count, spent_s) in sums.items()]
     total_s = sum(spent_s for _, spent_s in sums.values())
+    there = sum(one.there for one in plan)
+    missing = (
+        "The others have not been made yet, so no table has them:\n\n"
+        + _markdown(("Size", "Track", "Planned", "There", "Missing"), _fields(plan))
+        + "\n"
+    )
     return (
-        f"{there} of the {planned} submissions of the plan are there. They took "
-        f"{total_s / 3600:.2f} hours on one core ({'; '.join(times.processors())}), with the "
+        f"{there} of the {len(plan)} submissions of the plan are there. "
+        + (missing if there < len(plan) else "")
+        + f"What is there took {total_s / 3600:.2f} hours on one core "
+        f"({'; '.join(times.processors())}), with the "
         "compilation of the code. This is the processor time in minutes:\n\n"
         + _markdown(("Parts", "Number", "Minutes"), lines)
     )
+
+
+def _fields(plan: Sequence[Planned]) -> Iterable[list[str]]:
+    """Yield for each size and track how many submissions are planned and there, and the others."""
+    for size, track in dict.fromkeys((one.task.size, one.track) for one in plan):
+        own = [one for one in plan if (one.task.size, one.track) == (size, track)]
+        lacking: dict[str, list[str]] = {}
+        for one in own:
+            if not one.there:
+                lacking.setdefault(one.policy, []).append(one.task.family)
+        there = sum(one.there for one in own)
+        missing = "; ".join(
+            f"{escaped.markdown(policy)}: {', '.join(families)}"
+            for policy, families in lacking.items()
+        )
+        said = missing or "-" if there else "all"
+        yield [size, track, str(len(own)), str(there), said]
 
 
 def _page(family: str, tables: Sequence[Table], submissions: Sequence[Submission]) -> str:

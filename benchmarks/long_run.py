@@ -42,6 +42,9 @@ def main() -> None:
     if args.part:
         print(json.dumps(log(args) if args.part == "log" else analyse(args.folder)))
         return
+    from desim_uav.experiment.interrupt import end_politely
+
+    end_politely()  # and with this process that of a part
     with tempfile.TemporaryDirectory() as folder:
         for part in ("log", "analyse"):
             command = [sys.executable, *sys.argv, "--part", part, "--folder", folder]

@@ -89,6 +89,9 @@ def main() -> None:
     if asked.here:
         newcomer(asked.seconds)
         return
+    from desim_uav.experiment.interrupt import end_politely
+
+    end_politely()  # and with this process the other one
     with tempfile.TemporaryDirectory() as empty:
         command = [sys.executable, __file__, "--here", "--seconds", str(asked.seconds)]
         environment = {**os.environ, "NUMBA_CACHE_DIR": empty, "DESIM_UAV_COMPILE_AHEAD": "1"}

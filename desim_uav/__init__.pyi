@@ -25,6 +25,7 @@ from desim_uav.api.branches import Counterfactual as Counterfactual
 from desim_uav.api.compare import compare as compare
 from desim_uav.api.compare import compare_runs as compare_runs
 from desim_uav.api.fork import counterfactual as counterfactual
+from desim_uav.api.levels import write_levels as write_levels
 from desim_uav.api.listing import list_runs as list_runs
 from desim_uav.api.pictures import (
     film as film,

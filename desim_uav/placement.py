@@ -8,9 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.city.itu import itu_city
 from desim_uav.errors import ScenarioError
-from desim_uav.model.geometry.grid import Cell, Grid, connected
+from desim_uav.model.geometry.city import NO_CITY, City
+from desim_uav.model.geometry.grid import Cell, Grid, connected, reachable
 from desim_uav.model.random.streams import Purpose, Streams
+from desim_uav.scenario.buildings import BuildingsOfItu
 from desim_uav.scenario.map import DrawnObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
@@ -43,6 +46,53 @@ def draw_buildings(scenario: Scenario, seed: int, kept_free: set[Cell]) -> NDArr
         f"map.obstacles: none of {1 + REDRAWS} drawn maps (world seed {seed}) leaves the free "
         f"cells connected at the lowest level; lower map.obstacles.coverage"
     )
+
+
+def draw_city(
+    scenario: Scenario, seed: int, kept_free: set[Cell]
+) -> tuple[City, NDArray[np.float64]]:
+    """Return the city of a map, and up to which height each cell (nx, ny) is blocked for flight.
+
+    Without a city that is the tallest building of the cell (``draw_buildings``). Cells that are
+    kept free have no drawn buildings. Raises ScenarioError if buildings of a file
+    stand there, or if the free cells are not connected, at the lowest level.
+    """
+    buildings, the_map = scenario.map.buildings, scenario.map
+    if buildings is None or not scenario.three_d:
+        return NO_CITY, draw_buildings(scenario, seed, kept_free)
+    from desim_uav.city.footprints import cell_heights
+
+    if isinstance(buildings, BuildingsOfItu):
+        rng = Streams(seed, Purpose.WORLD).generator(0)
+        numbers = buildings.alpha, buildings.beta, buildings.gamma
+        city = _without(itu_city(the_map.size_m, *numbers, rng), kept_free, the_map.cell_m)
+    else:
+        city = the_map.city_of_file
+    height_m = cell_heights(city, the_map.cells, the_map.cell_m, buildings.blocked_share)
+    lowest_m, cells = the_map.levels.min_altitude_m, sorted(kept_free)
+    blocked = (height_m > 0.0) & (height_m >= lowest_m)
+    on = [cell for cell in cells if blocked[cell]]
+    reached = reachable(blocked, cells[0]) if cells else ~blocked
+    off = [cell for cell in cells if not reached[cell]]
+    if on or off:
+        what = f"buildings block cell {on[0]}" if on else f"buildings cut off cell {off[0]}"
+        raise ScenarioError(
+            f"map.buildings: {what}, where a station or a drone at its start stands, at the lowest "
+            f"level, {lowest_m:g} m; raise map.levels.min_altitude_m, or move it "
+            f"(stations.radius_m, drones.start_cells)"
+        )
+    return city, height_m
+
+
+def _without(city: City, cells: set[Cell], cell_m: tuple[float, float]) -> City:
+    """Return a city without the buildings that reach into some cells."""
+    west, south, east, north = city.boxes_m.T
+    stays = np.ones(len(city), bool)
+    for ix, iy in cells:
+        (dx, dy), (x, y) = cell_m, (ix * cell_m[0], iy * cell_m[1])
+        stays &= (east <= x) | (west >= x + dx) | (north <= y) | (south >= y + dy)
+    pieces = tuple(piece for piece, stay in zip(city.pieces_m, stays, strict=True) if stay)
+    return City(pieces, city.roofs_m[stays])
 
 
 def _draw_squares(
@@ -119,7 +169,7 @@ def draw_homes(
                 home[:2] = users.positions_m[user]
             else:
                 home[:2] = _truncated_normal(rng, own[user % len(own)], grid, group.path)
-            building = grid.height_m[grid.cell_of(*home[:2])]
+            building = grid.roof_at(*home[:2].tolist())
             if building > 0.0:
                 home[2] = rng.uniform(0.0, min(building, users.max_height_m))
     return homes

@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from itertools import takewhile
 from pathlib import Path
@@ -35,6 +35,28 @@ if TYPE_CHECKING:
 
 
 LONGEST_NAME = 200
+UNSAFE = re.compile(r"[^A-Za-z0-9._=-]+")
+"""Characters that are replaced in a folder's name."""
+
+MOST_OVERRIDES = 60
+"""The characters of overrides in a folder's name; longer ones end with a digest of all."""
+
+IN_NAME = {"name", "seed", "learning.algorithm", "learning.episodes"}
+"""Keys that a folder's name says already, or that a continued training changes."""
+
+
+def folder_name(scenario: Scenario, of: str, overrides: Sequence[str] = ()) -> str:
+    """Return the name of a folder in ``runs``: scenario, policy or algorithm, seed, and overrides.
+
+    The last override of a key counts, and keys are sorted, so the same settings have one name.
+    """
+    values = dict(one.split("=", 1) for one in overrides)
+    said = sorted(f"{key}={value}" for key, value in values.items() if key not in IN_NAME)
+    words = "-".join(UNSAFE.sub("-", one).strip("-") for one in said)
+    if len(words) > MOST_OVERRIDES:
+        digest = hashlib.sha256("\n".join(said).encode()).hexdigest()[:8]
+        words = f"{words[: MOST_OVERRIDES - 9].rstrip('-.')}-{digest}"
+    return "-".join(filter(None, [scenario.name, of, f"s{scenario.seed}", words]))
 
 
 class RunDraft:
@@ -102,7 +124,7 @@ class RunPlace:
         self.out = out
         self.target = None if out is None else _vacant(out)
         self.parent = Path("runs") if self.target is None else self.target.parent
-        self.name = re.sub(r"[^A-Za-z0-9._=-]+", "-", name[:LONGEST_NAME]).strip("-.") or "run"
+        self.name = UNSAFE.sub("-", name[:LONGEST_NAME]).strip("-.") or "run"
 
     @contextmanager
     def draft(self) -> Iterator[RunDraft]:
@@ -214,7 +236,15 @@ def read_scenario(folder: Path) -> Scenario:
 def world_content(world: World) -> dict[str, Any]:
     """Return the content of ``world.json`` for a world."""
     width, depth = world.area
-    return {
+    city = world.grid.city
+    own: dict[str, Any] = {}
+    if len(city):
+        own["city"] = {
+            "attribution": city.attribution,
+            "roofs_m": city.roofs_m.tolist(),
+            "pieces_m": [piece.tolist() for piece in city.pieces_m],
+        }
+    return own | {
         "size_m": [width, depth],
         "cells": list(world.grid.cells),
         "cell_height_m": world.grid.height_m.tolist(),

@@ -40,6 +40,12 @@ def find_scenario(argument: str) -> Path:
     return scenario_path(argument)
 
 
+def shipped_extract(name: str) -> Path | None:
+    """Return the shipped file of a city with this name, or None if there is none."""
+    path = _folder("scenarios") / name
+    return path if path.name == name and path.suffix == ".geojson" and path.is_file() else None
+
+
 def bench_folder() -> Path:
     """Return the folder of the benchmark's tasks: scenarios, their hashes and bounds."""
     return _folder("scenarios") / "bench" / "uav-v1"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 from desim_uav.model.geometry.grid import altitudes
 from desim_uav.model.observations import Feature, common_features
 from desim_uav.model.state import Facts
-from desim_uav.scenario.map import DrawnObstacles
 from desim_uav.world import World
 
 Mask = tuple[bool, ...]
@@ -56,11 +54,9 @@ def widest(world: World, facts: Facts | None = None) -> Facts:
     They are those of its only type of drones unless others are given.
     """
     scenario, facts = world.scenario, facts or world.facts
-    obstacles = scenario.map.obstacles
-    if not isinstance(obstacles, DrawnObstacles):
+    tallest_m = scenario.map.drawn_up_to_m
+    if tallest_m is None:
         return facts
-    low_m, high_m = obstacles.height_m
-    tallest_m = math.nextafter(high_m, low_m)  # heights are drawn from [low, high)
     levels = scenario.map.levels
     levels_m, under_ceiling = altitudes(
         levels.min_altitude_m, levels.step_m, tallest_m, levels.max_altitude_m

@@ -51,21 +51,12 @@ class Within:
         return number
 
 
-@dataclass(frozen=True)
-class OneOf:
-    """The names that are allowed, in an annotation; a function returns them when they are needed.
+class OfTexts:
+    """What a text must be, in an annotation; what is no text is left as it is."""
 
-    What is no text is left as it is.
-    """
-
-    allowed: Callable[[], Iterable[str]]
-
-    def problem(self, name: str) -> str:
-        """Return what is wrong with a name, or "" if it is allowed."""
-        allowed = list(self.allowed())
-        if name in allowed:
-            return ""
-        return f"{name!r}{did_you_mean(name, allowed)}; allowed: {', '.join(allowed)}"
+    def problem(self, text: str) -> str:
+        """Return what is wrong with a text, or "" if it is allowed."""
+        raise NotImplementedError
 
     def value(self, argument: object, name: str) -> Any:
         """Return an argument. Raises ValueError, which names it as said."""
@@ -75,6 +66,36 @@ class OneOf:
         return argument
 
 
+@dataclass(frozen=True)
+class Label(OfTexts):
+    """A text that can stand on a line, of at most so many characters."""
+
+    most: int
+
+    def problem(self, text: str) -> str:
+        """Return what is wrong with a label, or "" if it is allowed."""
+        if text.strip() and text.isprintable() and len(text) <= self.most:
+            return ""
+        return f"{in_short(repr(text), 100)}: must be one line of 1 to {self.most} characters"
+
+
+@dataclass(frozen=True)
+class OneOf(OfTexts):
+    """The names that are allowed, in an annotation; a function returns them when they are needed.
+
+    What is no text is left as it is.
+    """
+
+    allowed: Callable[[], Iterable[str]]
+
+    def problem(self, text: str) -> str:
+        """Return what is wrong with a name, or "" if it is allowed."""
+        allowed = list(self.allowed())
+        if text in allowed:
+            return ""
+        return f"{text!r}{did_you_mean(text, allowed)}; allowed: {', '.join(allowed)}"
+
+
 def typed(function: F, raises: type[Exception] = UsageError, names_in: str = "") -> F:
     """Let a function refuse arguments that do not have the types of its annotations.
 
@@ -82,8 +103,8 @@ def typed(function: F, raises: type[Exception] = UsageError, names_in: str = "")
     accepted as those of Python are, and arrays and other iterables as sequences. Where the
     annotation is a Protocol, any object is accepted, and where it is a Literal any text, because
     the function itself can say better what is wrong with one. Of a class, the arguments of its
-    constructor are checked. Bounds (``Within``) and names (``OneOf``) in an annotation are checked
-    too, of values that were given.
+    constructor are checked. Bounds (``Within``) and texts (``OfTexts``) in an annotation are
+    checked too, of values that were given.
 
     ``names_in`` is a module that is imported at the first call, for names of types that the
     function's own module has only for type checkers.
@@ -140,14 +161,14 @@ def hints_of(function: Callable[..., Any], names_in: str = "") -> dict[str, Any]
     return typing.get_type_hints(holder, names, include_extras=True)
 
 
-def marks_of(hint: object) -> tuple[Within | OneOf, ...]:
+def marks_of(hint: object) -> tuple[Within | OfTexts, ...]:
     """Return the bounds and names that an annotation, or one of its alternatives, asks for."""
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return tuple(mark for one in typing.get_args(hint) for mark in marks_of(one))
     return tuple(mark for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, MARKS))
 
 
-MARKS = (Within, OneOf)
+MARKS = (Within, OfTexts)
 
 
 class Kind(NamedTuple):

@@ -19,6 +19,7 @@ from desim_uav.model.demand.asking import RowDemand, RowDraws
 from desim_uav.model.demand.demand import drawn_by, is_sensed, requests_of
 from desim_uav.model.demand.requests import Requests
 from desim_uav.model.mobility.mobility import Mobility, Static, walks_of
+from desim_uav.model.mobility.streets import Streets
 from desim_uav.model.mobility.walking import RowMobility, from_here
 from desim_uav.model.mobility.walks import Area, Walks, in_rows
 from desim_uav.model.random.streams import Purpose, Seeds, Streams, states_of
@@ -183,3 +184,14 @@ def shared_mobility(groups: Sequence[UserGroup]) -> Mobility | None:
         return first
     alone = getattr(type(first), "begin", None) is RowMobility.begin
     return first if alone and all(other == first for other in others) else None
+
+
+def streets_of(scenario: Scenario) -> list[tuple[tuple[float, float], ...]]:
+    """Return the streets along which users of any group go, as lines of points in metres."""
+    lines = {
+        line
+        for keys in scenario.user_groups
+        if isinstance(keys.mobility, Streets)
+        for line in keys.mobility.lines()
+    }
+    return sorted(lines)

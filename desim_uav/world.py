@@ -29,7 +29,7 @@ from desim_uav.model.observations import Feature
 from desim_uav.model.random.streams import Purpose, Seeds
 from desim_uav.model.rules import US, Choice
 from desim_uav.model.state import Facts
-from desim_uav.placement import draw_buildings, draw_clusters, draw_homes
+from desim_uav.placement import draw_city, draw_clusters, draw_homes
 from desim_uav.registry import naming_plug_ins
 from desim_uav.scenario import cost, layout
 from desim_uav.scenario.epochs import most_epochs
@@ -63,16 +63,12 @@ class World(Unchanging):
 
     def _facts(self) -> Pairs:
         """Return what was drawn, in words."""
-        built = self.grid.height_m[self.grid.height_m > 0.0]
-        buildings = f"in {len(built)} of {self.grid.height_m.size} cells"
         clusters = f", in {len(self.clusters)} cluster(s)" if len(self.clusters) else ""
-        if len(built):
-            buildings += f", {built.min():.1f} to {built.max():.1f} m tall"
         return [
             ("map", f"{self.grid.width_m:g} × {self.grid.depth_m:g} m"),
             ("cells", " × ".join(map(str, self.grid.height_m.shape))),
             ("levels", ", ".join(f"{level:g}" for level in self.grid.levels_m) + " m"),
-            ("buildings", buildings if len(built) else "none"),
+            ("buildings", self.grid.buildings),
             ("stations", _cells(self.stations)),
             ("drones", _cells(self.starts)),
             ("users", f"{len(self.homes)}" + clusters),
@@ -415,16 +411,16 @@ def build_world(scenario: Scenario, seed: int) -> World:
     """
     cost.check_cost(scenario)
     stations, starts = layout.station_cells(scenario), layout.start_cells(scenario)
-    height_m = draw_buildings(scenario, seed, {*stations, *starts})
+    city, height_m = draw_city(scenario, seed, {*stations, *starts})
     levels = scenario.map.levels
     levels_m: tuple[float, ...] = (levels.min_altitude_m,)
-    under_ceiling = 1
+    under_ceiling, tallest_m = 1, max(height_m.max(), city.tallest_m)
     if scenario.three_d:
         levels_m, under_ceiling = altitudes(
-            levels.min_altitude_m, levels.step_m, height_m.max(), levels.max_altitude_m
+            levels.min_altitude_m, levels.step_m, tallest_m, levels.max_altitude_m
         )
     width_m, depth_m = scenario.map.size_m
-    grid = Grid(width_m, depth_m, height_m, levels_m, levels.step_m, under_ceiling)
+    grid = Grid(width_m, depth_m, height_m, levels_m, levels.step_m, under_ceiling, city)
     of_groups = draw_clusters(scenario, seed)
     homes, clusters = draw_homes(scenario, seed, grid, of_groups), np.concatenate(of_groups)
     world = World(scenario, seed, grid, tuple(stations), tuple(starts), clusters, homes)

@@ -3,10 +3,13 @@
 import importlib
 import json
 import math
+import os
 import re
 import runpy
 import shutil
+import signal
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +19,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+import desim_uav as du
 from analysis.runs import read_runs
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.experiment.bench.submission import read
 from desim_uav.experiment.bench.tasks import tasks
 from desim_uav.experiment.bench.verify import differences
 from desim_uav.experiment.compare_runs import compare_runs
+from desim_uav.experiment.interrupt import asking
+from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from desim_uav.world import build_world
 from tests.run_to_folder import run_to_folder
 from tests.verification.figure import Estimate
 
@@ -51,12 +60,10 @@ def test_learned_against_optimum(capsys: pytest.CaptureFixture[str], monkeypatch
 @pytest.mark.slow
 def test_other_readings_of_the_paper_are_those_of_the_page(ask):
     page = (SCRIPTS.parent / "docs" / "explanation" / "readings.md").read_text(encoding="utf-8")
-    tables = page.split("| case | reading |")[1:]
-    for arguments, expected, table in ((["4"], 5, tables[0]), (["--learned", "1"], 2, tables[1])):
-        code, printed, _ = ask("readings", *arguments)
-        rows = printed.splitlines()[2:]
-        assert (code, len(rows)) == (0, expected)
-        assert all(row in table.splitlines() for row in rows)
+    code, printed, _ = ask("readings", "4")
+    rows = printed.splitlines()[2:]
+    assert (code, len(rows)) == (0, 5)
+    assert all(row in page.splitlines() for row in rows)
 
 
 def test_rewards_are_compared_seed_by_seed():
@@ -506,13 +513,24 @@ def test_the_leaderboard_is_made_once_and_what_was_changed_is_made_anew(leaderbo
     assert lead()[0] == 0 and lead("--list")[1].strip() == ""
 
 
+@pytest.fixture
+def handlers():
+    """Leave the handling of signals as it was."""
+    before = {number: signal.getsignal(number) for number in asking()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 @pytest.mark.thorough
-def test_an_interrupted_leaderboard_goes_on(leaderboard, lead, monkeypatch):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_leaderboard_goes_on(leaderboard, lead, monkeypatch, handlers, number):
     flown, calls = leaderboard.flown, []
 
     def interrupted(entry):
         if calls:
-            raise KeyboardInterrupt
+            os.kill(os.getpid(), number)
+            time.sleep(60)
         calls.append(entry.name)
         return flown(entry)
 
@@ -657,3 +675,46 @@ class TestLorenz:
         apart = np.abs(np.subtract.outer(shares, shares)).mean()
         found = fairness["gini"](self.of(*shares))
         assert found == pytest.approx(apart / (2 * np.mean(shares)), abs=1e-12)
+
+
+def test_what_is_missing_of_the_leaderboard_is_said(tmp_path):
+    pages = importlib.import_module("leaderboard_pages")
+    times = importlib.import_module("leaderboard_times").Times(tmp_path / "times.csv")
+    times.add("runs", "coverage-small-one-hover", 90.0)
+    plan = [
+        pages.Planned(tasks()[f"uav-v1/{family}/{size}"], "one", policy, there)
+        for family, size, policy, there in (
+            ("coverage", "small", "hover", True),
+            ("edge", "small", "hover", False),
+            ("edge", "small", "PPO", False),
+            ("urban", "small", "PPO", False),
+            ("edge", "medium", "hover", False),
+        )
+    ]
+    said = pages.costs(plan, times)
+    assert said.startswith("1 of the 5 submissions of the plan are there.")
+    assert "| small | one | 4 | 1 | hover: edge; PPO: edge, urban |" in said
+    assert "| medium | one | 1 | 0 | all |" in said
+    assert "Missing" not in pages.costs(plan[:1], times)
+
+
+@pytest.mark.thorough
+def test_a_schedule_of_edge_counts_as_runs_do_and_changes_for_the_better():
+    script = importlib.import_module("edge_schedule")
+    scenario = load(tasks()["uav-v1/edge/small"].path, ["episode.steps=4"])
+    world = build_world(scenario, 0)
+    engine = BatchSimulation(world, RunSettings((True,) * 2, True))
+    path = draw(world, 0, 0)
+    engine.reset(path)
+    start, hover = engine.save(), script.hovering(world, [20, 20])
+    plan = [list(hover) for _ in range(4)]
+    paid = script.in_time(engine, plan)
+    flown = du.run(
+        scenario, policy=lambda *_: hover[0], episodes=1, warmup=0, world_seed=0, progress=False
+    )
+    late = flown.requests["late"].dropna().astype(bool)
+    assert script.share_in_time(engine.log.requests) == pytest.approx(100 * (1 - late.mean()))
+    engine.restore(start)
+    script.improve(engine, plan)
+    engine.restore(start)
+    assert script.in_time(engine, plan) > paid

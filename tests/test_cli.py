@@ -26,9 +26,10 @@ ROOT = Path(__file__).parents[1]
 SHIPPED = [
     *(f"case{k}" for k in range(1, 10)),
     *("charging_age", "delivery_watch", "edge", "festival", "harvest", "interference"),
-    *("street_canyon", "tiny", "urban_downlink"),
+    *("old_town", "street_canyon", "tiny", "urban_downlink"),
 ]
 SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")
+SMALL_SAID = "episode.steps=8-users.count=12"
 CONTRACT = (
     *("scenario", "policy", "seed", "episodes", "requests", "suppressed", "qoe1_percent"),
     *("qoe1_feasible_percent", "qoe2_iterations", "qoe3_percent", "qoe3_active_percent"),
@@ -348,7 +349,7 @@ class TestRun:
         assert (ended.code, ended.err) == (0, "")
         lines = [line.rstrip() for line in ended.out.splitlines()]
         assert lines[0] == "case6, baseline, seed 0: 1 episode(s), 0 crash(es)"
-        assert lines[-1] == "runs/case6-baseline-s0"
+        assert lines[-1] == "runs/case6-baseline-s0-episode.steps=4"
         rows = [line.split()[0] for line in lines if re.match(r"\s+\w+\s+\d+\s", line)]
         assert rows == ["all", "data_gathering", "edge_computing", "throughput"]
 
@@ -370,10 +371,10 @@ class TestRun:
         assert set(CONTRACT) <= set(found)
         assert found["scenario"] == "case8"
         assert (found["policy"], found["seed"], found["episodes"]) == ("baseline", 4, 2)
-        assert found["run_dir"] == "runs/case8-baseline-s4"
-        episodes = pd.read_parquet("runs/case8-baseline-s4/episodes.parquet")
+        assert found["run_dir"] == f"runs/case8-baseline-s4-{SMALL_SAID}"
+        episodes = pd.read_parquet(f"{found['run_dir']}/episodes.parquet")
         assert found["reward_mean"] == pytest.approx(episodes["reward"].mean())
-        requests = pd.read_parquet("runs/case8-baseline-s4/requests.parquet")
+        requests = pd.read_parquet(f"{found['run_dir']}/requests.parquet")
         assert found["requests"] == len(requests)
         assert found["qoe1_percent"] == pytest.approx(100 * requests["qoe1"].mean())
         assert found["qoe2_iterations"] == pytest.approx(requests["qoe2_iterations"].mean())
@@ -423,16 +424,18 @@ class TestRun:
 
     def test_seeds(self, cli_run):
         assert cli_run("run", "case8", *SMALL, "--seed", 3, "--world-seed", 9, "-q").code == 0
-        manifest = json.loads(Path("runs/case8-baseline-s3/manifest.json").read_text())
+        folder = Path(f"runs/case8-baseline-s3-{SMALL_SAID}-world_seed=9")
+        manifest = json.loads((folder / "manifest.json").read_text())
         assert (manifest["seed"], manifest["world_seed"]) == (3, 9)
         assert manifest["command"][:2] == ["desim-uav", "run"]
-        assert "world_seed: 9" in Path("runs/case8-baseline-s3/scenario.yaml").read_text()
+        assert "world_seed: 9" in (folder / "scenario.yaml").read_text()
 
     def test_the_same_world_seed_is_the_same_world(self, cli_run):
         for seed in (1, 2):
-            cli_run("run", "case8", *SMALL, "--seed", seed, "--world-seed", 7, "-q")
-        worlds = [Path(f"runs/case8-baseline-s{k}/world.json").read_text() for k in (1, 2)]
-        tables = [pd.read_parquet(f"runs/case8-baseline-s{k}/requests.parquet") for k in (1, 2)]
+            how = ("--seed", seed, "--world-seed", 7, "-q", "--out", f"runs/{seed}")
+            cli_run("run", "case8", *SMALL, *how)
+        worlds = [Path(f"runs/{k}/world.json").read_text() for k in (1, 2)]
+        tables = [pd.read_parquet(f"runs/{k}/requests.parquet") for k in (1, 2)]
         assert worlds[0] == worlds[1]
         assert not tables[0].equals(tables[1])
 
@@ -687,7 +690,8 @@ class TestInterrupted:
         ended = cli_run("run", "case8", *SMALL, "-S", admission, "--episodes", 500, "-q")
         assert ended.code == 130
         assert "the finished episodes are kept" in ended.message
-        assert runs() == ["case8-baseline-s0"]
+        (folder,) = runs()
+        assert folder.startswith("case8-baseline-s0-drones.admission=-kind-plugged-Interrupting")
 
     @pytest.mark.parametrize("name", UNLESS_USED)
     def test_the_signals_of_batch_systems(self, cli_run, name, monkeypatch):

@@ -17,7 +17,7 @@ from desim_uav.cli import app, terminal
 from desim_uav.cli.looks import LOOKS
 from desim_uav.cli.made import helps
 from desim_uav.errors import UsageError
-from desim_uav.typed import OneOf, Within, hints_of, marks_of, typed
+from desim_uav.typed import Label, OneOf, Within, hints_of, marks_of, typed
 
 VERBS = {
     "scenarios": [files.list_scenarios],
@@ -35,6 +35,7 @@ VERBS = {
     "replay": [du.write_replay],
     "report": [du.write_report],
     "plot": [du.plot],
+    "levels": [du.write_levels],
     "video": [du.film],
     "gallery": [files.gallery],
     "doctor": [files.doctor],
@@ -106,18 +107,22 @@ def test_the_help_of_a_command_is_that_of_its_verb(command):
             assert " ".join(paragraph.split()) in told
 
 
+OF_TEXTS = {OneOf: "allowed: ", Label: "must be one line"}
+"""The message that refuses a text."""
+
+
 @pytest.mark.parametrize(("command", "name"), PARAMETERS)
 def test_a_command_and_its_verb_refuse_the_same(command, name):
     """The number or the word just beyond what the annotation allows, with either's own words."""
     verb = described(command, name)
     (parameter,) = [each for each in COMMANDS[command].params if each.name == name]
     for mark in marks_of(hints_of(verb)[name]):
-        wrong = mark.high + 1 if isinstance(mark, Within) else "nonesuch"
+        wrong = mark.high + 1 if isinstance(mark, Within) else "none\nsuch"
         with pytest.raises(typer.BadParameter) as typed_in:
             parameter.callback(None, None, wrong)
         with pytest.raises(UsageError, match=f"^{name}: {re.escape(repr(wrong))}") as called:
             verb(**{name: wrong})
-        words = mark.words if isinstance(mark, Within) else "allowed: "
+        words = mark.words if isinstance(mark, Within) else OF_TEXTS[type(mark)]
         assert words in str(typed_in.value) and words in str(called.value)
 
 

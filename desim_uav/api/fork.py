@@ -6,7 +6,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.api.parameters import MOST_EPISODES, EngineName, Episodes, Seed, Warmup, verb
+from desim_uav.api.parameters import (
+    MOST_EPISODES,
+    EngineName,
+    Episodes,
+    RunName,
+    Seed,
+    Warmup,
+    verb,
+)
 from desim_uav.errors import UsageError
 
 if TYPE_CHECKING:
@@ -27,6 +35,7 @@ def counterfactual(
     episodes: Episodes = 1,
     warmup: Warmup = 0,
     out: str | Path | bool | None = None,
+    name: RunName = None,
     engine: EngineName = "auto",
     progress: bool = True,
 ) -> Counterfactual:
@@ -49,6 +58,7 @@ def counterfactual(
         episodes: Episodes that count; at least as many that the episode of the fork is among them.
         warmup: Episodes before them that count in no measure.
         out: A folder for both branches, or True for the one that the command line would choose.
+        name: A label of both branches.
         engine: ``"des"``, ``"batch"`` or ``"auto"``, as in ``run``: their numbers are the same.
         progress: Show the progress.
 
@@ -73,13 +83,14 @@ def counterfactual(
     source = arguments.opened(scenario, overrides, seed, world_seed)
     with source.located():
         prepared = command.prepare(source.scenario, policy, engine, keep_events=True)
-    other, name = load_policy(to), policy_name(to)
+    other, other_name = load_policy(to), policy_name(to)
     words = arguments.command_of(counterfactual, parameters)
     for notice in (prepared.notice, getattr(other, "notice", lambda world: "")(prepared.world)):
         if notice:
             arguments.warn(notice)
-    how = command.How(max(episodes, at.episode + 1), warmup, True, engine, words)
-    branches = forking.Branches(prepared, other, name, at, how)
+    asked = (words, source.settings, name)
+    how = command.How(max(episodes, at.episode + 1), warmup, True, engine, *asked)
+    branches = forking.Branches(prepared, other, other_name, at, how)
     total = 2 * (how.episodes + warmup)
     if out is None or out is False:
         tables = Tables(), Tables()
@@ -87,7 +98,7 @@ def counterfactual(
             forked = forking.record_branches(branches, (tables[0].write, tables[1].write), advance)
         runs = [InMemory(each, own) for each, own in zip(forked[:2], tables, strict=True)]
         return Counterfactual(RunResult(runs[:1]), RunResult(runs[1:]), forked.about, None)
-    place = forking.place_of_fork(prepared, name, at, None if out is True else Path(out))
+    place = forking.place_of_fork(branches, None if out is True else Path(out))
     with shown(progress, total, engine=engine) as advance:
         folder, forked = forking.write_branches(branches, place, advance)
     results = [RunResult([InFolder(folder / branch)]) for branch in forking.BRANCHES]

@@ -185,7 +185,8 @@ Kept = InMemory | InFolder
 
 def default_place(run: Kept, out: Path | None) -> RunPlace:
     """Return where a run stands that is saved: ``out``, or where the command line would put it."""
-    return place_of(run.scenario, run.manifest["policy"], out)
+    overrides = run.manifest.get("overrides", ())
+    return place_of(run.scenario, run.manifest["policy"], out, overrides)
 
 
 def _content(file: Path) -> bytes:

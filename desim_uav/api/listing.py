@@ -21,8 +21,9 @@ def list_runs(root: str | Path = "runs") -> pd.DataFrame:
     differ is shown, such as users.count=12.
 
     In Python, this returns a frame with a row for each run and training, the latest last: its
-    folder, scenario, policy or algorithm, seed, episodes and measures, what differs as a text, and
-    a column for each key that differs. A folder that cannot be read is left out, with a notice.
+    folder, label, scenario, policy or algorithm, seed, episodes and measures, what differs as a
+    text, and a column for each key that differs. A folder that cannot be read is left out, with a
+    notice.
 
     Args:
         root: The folder that holds the folders of runs, at any depth.
@@ -43,6 +44,7 @@ def list_runs(root: str | Path = "runs") -> pd.DataFrame:
     frame = pd.DataFrame(
         {
             "run": str(run.folder),
+            "name": run.entries.name,
             "kind": TRAINING if run.entries.kind == TRAINING else "run",
             "scenario": run.entries.scenario,
             "policy": run.entries.policy or run.entries.algorithm,

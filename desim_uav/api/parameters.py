@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Annotated, Any, TypeVar
 
-from desim_uav.typed import OneOf, Within, typed
+from desim_uav.typed import Label, OneOf, Within, typed
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -34,6 +34,7 @@ Seed = Annotated[int | None, Within(0, LAST_SEED)]
 Seeds = Annotated[int, Within(1, MOST_SEEDS)]
 FirstSeed = Annotated[int, Within(0, LAST_FIRST_SEED)]
 Episodes = Annotated[int, Within(1, MOST_EPISODES)]
+RunName = Annotated[str | None, Label(200)]
 Warmup = Annotated[int, Within(0, MOST_EPISODES)]
 TrainingEpisodes = Annotated[int, Within(1, MOST_TRAINING)]
 Jobs = Annotated[int, Within(1, 1024)]

@@ -46,17 +46,19 @@ def plot(
 
     Args:
         kind: The kind of figure: training, compare, sweep, visits, policy, battery, energy,
-            episodes, services, delay, age, radio or snapshot.
+            episodes, services, delay, age, radio, snapshot or map.
         runs: The folder of a run, a training or a sweep; for policy it may be the file of a table,
             and for radio and energy a scenario file or the name of a shipped scenario. For energy
             it may be left out. In Python, it may also be a result of ``run``, ``train``,
             ``compare`` or ``sweep``, a scenario or a world; for training, compare, delay and age,
             it may be a list of them. Of a run on several seeds, the first seed is drawn.
-        out: The file, which ends in .png, .pdf or .svg. By default it is RUN/KIND.png, or a file in
-            the working folder if RUN is no folder. In Python, True stands for this file; without
+        out: The file, which ends in .png, .pdf or .svg; for map it may also end in .csv or
+            .parquet. By default it is RUN/KIND.png, or a file in the working folder if RUN is no
+            folder. In Python, True stands for this file; without
             ``out`` no file is written.
-        episode: For visits, battery, services, delay, age and snapshot: the episode to draw.
-        minute: For snapshot: the minute to draw. By default it is the end of the episode.
+        episode: For visits, battery, services, delay, age, snapshot and map: the episode to draw.
+        minute: For snapshot and map: the minute to draw. By default it is the end of the episode,
+            and for map the mean over the run.
         drone: For visits, policy and battery: the drone to draw, counted from 0. For energy: a
             drone of the type to draw.
         window: For training: the number of episodes that a running mean is over.
@@ -88,12 +90,12 @@ def plot(
     options |= {"at": at if at is None or isinstance(at, str) else ",".join(map(str, at))}
     options |= {"measure": measure, "key": key}
     results = each_of("runs", runs, Comparison, Scenario, World)
-    figures.chosen(kind, len(results), options)
+    tabled = figures.chosen(kind, len(results), options).tabled
     target = None
     if out is True:
         target = figures.Target(figure_place(kind, results))
     elif out is not None and out is not False:
-        target = figures.Target(Path(out), "--out")
+        target = figures.Target(Path(out), "--out", tabled)
     objects: list[Any] = []
     others: list[Any] = []
     for one in results:

@@ -11,6 +11,7 @@ from desim_uav.api.parameters import (
     EngineName,
     Episodes,
     FirstSeed,
+    RunName,
     Seed,
     Warmup,
     verb,
@@ -38,6 +39,7 @@ def run(
     warmup: Warmup = 0,
     events: bool = False,
     out: str | Path | bool | None = None,
+    name: RunName = None,
     engine: EngineName = "auto",
     resume: bool = False,
     progress: bool = True,
@@ -72,9 +74,11 @@ def run(
         warmup: The number of warm-up episodes before them, which count in no measure.
         events: Keep the event log and the drones' flights, too.
         out: The folder to write the run to. It must be new or empty. By default it is
-            runs/<scenario>-<policy>-s<seed>. In Python, the run is written as it goes, so that a
-            long run needs little memory, if this is a folder, or True for the one that the command
-            line would choose; with ``seeds``, a folder per seed is made in it.
+            runs/<scenario>-<policy>-s<seed>, and the keys that were set. In Python, the run is
+            written as it goes, so that a long run needs little memory, if this is a folder, or True
+            for the one that the command line would choose; with ``seeds``, a folder per seed is
+            made in it.
+        name: A label of the run, which its manifest, ls, reports and replays show.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
             the same. With auto, SimPy begins if batch has yet to be compiled, which another
             process does meanwhile, and batch takes over at a later episode.
@@ -103,10 +107,12 @@ def run(
     scenarios = [source.scenario.model_copy(update={"seed": one}) for one in all_seeds]
     with source.located():
         first = command.prepare(scenarios[0], policy, engine, events)
-    places = [place_of(one, policy, out, seeds is not None, resume) for one in scenarios]
+    several, set_ = seeds is not None, source.settings
+    places = [place_of(one, policy, out, several, resume, set_) for one in scenarios]
     for notice in filter(None, [first.notice or apart(first, scenarios)]):
         arguments.warn(notice)
-    how = command.How(episodes, warmup, events, engine, arguments.command_of(run, parameters))
+    words = arguments.command_of(run, parameters)
+    how = command.How(episodes, warmup, events, engine, words, set_, name)
     runs: list[Kept] = []
     with shown(progress, (warmup + episodes) * len(all_seeds), engine=engine) as advance:
         for one, place in zip(scenarios, places, strict=True):
@@ -120,7 +126,7 @@ def run(
                 raise interrupted(runs, len(all_seeds)) from None
             if runs[-1].manifest["interrupted"]:
                 raise interrupted(runs, len(all_seeds))
-    return RunResult(runs, seeds is not None)
+    return RunResult(runs, several)
 
 
 @verb

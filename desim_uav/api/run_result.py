@@ -13,15 +13,15 @@ import pandas as pd
 from desim_uav import qoe as measures
 from desim_uav.api import arguments
 from desim_uav.api.kept import InFolder, Kept, default_place
+from desim_uav.api.links_of_run import LinksOfRun
 from desim_uav.api.replay import Page, Replay
+from desim_uav.api.result_cells import collected, number, table
 from desim_uav.errors import UsageError, did_you_mean
 from desim_uav.experiment import command
 from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.replay.page import make_replay
-from desim_uav.experiment.statistics import estimate
-from desim_uav.measures.known import of_mean
 from desim_uav.report import notebook
-from desim_uav.report.text import Looks, Row, tables_of
+from desim_uav.report.text import tables_of
 from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.schema import Scenario
 from desim_uav.typed import typed
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 NOT_MEASURES = (*command.NAMED, "run_dir")
 
 
-class RunResult:
+class RunResult(LinksOfRun):
     """What came out of a policy in a scenario, on one seed or several.
 
     The tables are pandas frames with the columns of a run folder's files (times in seconds from the
@@ -250,7 +250,7 @@ class RunResult:
             NoEventsError: the run has not kept its events, and cannot be played again.
             PolicyError: the two runs differ in scenario, world or episodes.
         """
-        seed = self.seeds[0] if seed is None else seed
+        seed = self._first(seed)
         runs = [self._of_seed(seed, "seed")]
         if beside is not None:
             second = beside if isinstance(beside, RunResult) else of_folder(beside)
@@ -346,26 +346,27 @@ class RunResult:
         qoe = self.qoe()
         counted = int(self.summaries()[0]["episodes"])
         return (
-            f"<{self._title()}, {_number(counted, 'episode')}: QoE1 {qoe['qoe1_percent']:.1f} %, "
+            f"<{self._title()}, {number(counted, 'episode')}: QoE1 {qoe['qoe1_percent']:.1f} %, "
             f"QoE2 {qoe['qoe2_iterations']:.2f} steps, QoE3 {qoe['qoe3_percent']:.1f} %>"
         )
 
     def _repr_html_(self) -> str:
         summaries = self.summaries()
         counted, crashes = summaries[0]["episodes"], sum(s["crashes"] for s in summaries)
-        title = f"{self._title()}: {_number(counted, 'episode')}"
+        title = f"{self._title()}: {number(counted, 'episode')}"
         title += " per seed (mean ± half-width of the 95 % interval)" if len(self) > 1 else ""
         of_seeds = {"all": summaries} | self._by_service()
-        groups = [{"service": name} | _collected(rows) for name, rows in of_seeds.items()]
-        title = notebook.heading(f"{title}, {_number(crashes, 'crash', 'crashes')}")
-        return title + "".join(_table(looks, own) for looks, own in tables_of(groups))
+        groups = [collected(rows) | {"service": name} for name, rows in of_seeds.items()]
+        title = notebook.heading(f"{title}, {number(crashes, 'crash', 'crashes')}")
+        return title + "".join(table(looks, own) for looks, own in tables_of(groups))
 
     def _title(self) -> str:
         seeds = self.seeds
         seeds_in_words = f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds"
         if len(set(self.world_seeds)) == 1 and self.world_seeds != seeds:
             seeds_in_words += f" in world {self.world_seeds[0]}"
-        return f"{self.scenario.name}, {self.policy}, {seeds_in_words}"
+        label = f"{name}: " if (name := self._runs[0].manifest.get("name")) else ""
+        return f"{label}{self.scenario.name}, {self.policy}, {seeds_in_words}"
 
     def _by_service(self) -> dict[str, list[dict[str, Any]]]:
         """The rows of each service, a row per seed that has it."""
@@ -397,35 +398,3 @@ def _numbers(rows: Sequence[dict[str, Any]], by: str) -> pd.DataFrame:
     return frame.astype(
         {name: "float64" for name in frame if name != by and frame[name].isna().any()}
     )
-
-
-def _collected(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any] | None]:
-    """Return the values that some seeds have of each measure; None if there are none."""
-    values = {name: [row.get(name) for row in rows] for name in rows[0]}
-    return {name: of if any(v is not None for v in of) else None for name, of in values.items()}
-
-
-def _table(looks: Looks, rows: Sequence[Row]) -> str:
-    """Return a table of the measures of services on some seeds."""
-    headings = ["service", *(heading for heading, _ in looks.values())]
-    cells = [
-        [row["service"], *(_cell(row.get(name), form) for name, (_, form) in looks.items())]
-        for row in rows
-    ]
-    return notebook.table(headings, cells, words=[0])
-
-
-def _cell(values: Sequence[float | None] | None, form: str) -> str:
-    """Return the mean of the values of some seeds, and the half-width of its interval."""
-    interval = estimate(values or ())
-    if interval.mean is None:
-        return ""
-    if len(values or ()) > 1:
-        form = of_mean(form)
-    value = int(interval.mean) if form == "d" else interval.mean
-    spread = "" if interval.half_width is None else f" ± {interval.half_width:{form}}"
-    return f"{value:{form}}{spread}"
-
-
-def _number(count: int, one: str, more: str = "") -> str:
-    return f"{count} {one if count == 1 else more or one + 's'}"

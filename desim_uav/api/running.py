@@ -52,6 +52,7 @@ def place_of(
     out: str | Path | bool | None,
     several: bool,
     resume: bool,
+    overrides: Sequence[str],
 ) -> RunPlace | Path | None:
     """Return where the run of a scenario's seed stands, if in a folder; a Path if it is continued.
 
@@ -62,7 +63,7 @@ def place_of(
             raise UsageError("resume: there is nothing to continue without out, the run's folder")
         return None
     if out is True:
-        place = command.place_of(scenario, policy, None)
+        place = command.place_of(scenario, policy, None, overrides)
         return resuming.unfinished(place) if resume and not several else place
     folder = Path(out) / f"s{scenario.seed}" if several else Path(out)
     if resume and folder.is_dir() and any(folder.iterdir()):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desim_uav.api.parameters import EngineName, Seed, TrainingEpisodes, verb
+from desim_uav.api.parameters import EngineName, RunName, Seed, TrainingEpisodes, verb
 from desim_uav.errors import Interrupted, UsageError
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ def train(
     seed: Seed = None,
     world_seed: Seed = None,
     out: str | Path | bool | None = None,
+    name: RunName = None,
     resume: bool = False,
     checkpoint_every: TrainingEpisodes = 500,
     engine: EngineName = "auto",
@@ -47,9 +48,10 @@ def train(
         seed: The seed of all random draws. By default it is the scenario's.
         world_seed: The seed of the world alone: buildings, homes of users, clusters. By default it
             is the scenario's world_seed, or else the seed.
-        out: The folder of the training. By default it is runs/<scenario>-<algorithm>-s<seed>. In
-            Python, the training is written as it goes, with checkpoints, if this is a folder, or
-            True for the one that the command line would choose.
+        out: The folder of the training. By default it is runs/<scenario>-<algorithm>-s<seed>, and
+            the keys that were set. In Python, the training is written as it goes, with checkpoints,
+            if this is a folder, or True for the one that the command line would choose.
+        name: A label of the training, which its manifest and ls show.
         resume: Continue from the checkpoint of the folder, if it has one.
         checkpoint_every: The number of episodes between two checkpoints.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
@@ -72,14 +74,14 @@ def train(
     from desim_uav.api.sources import each_of
     from desim_uav.api.training import TrainingResult, pause_of
     from desim_uav.experiment.progress import training_progress
-    from desim_uav.experiment.train.course import train_in_memory
+    from desim_uav.experiment.train.course import Asked, train_in_memory
     from desim_uav.experiment.train.folder import train_to_folder
 
     if resume and not out:
         raise UsageError("resume: only a training in a folder can be resumed; say which by out")
     further = {"learning.algorithm": algorithm, "learning.episodes": episodes}
     source = opened(scenario, overrides, seed, world_seed, further)
-    command = command_of(train, parameters)
+    asked = Asked(command_of(train, parameters), source.settings, name)
     callbacks = (callback,) if callable(callback) else tuple(each_of("callback", callback))
     if not all(map(callable, callbacks)):
         raise UsageError(f"callback: {callback!r}: must be a function, or several")
@@ -88,7 +90,7 @@ def train(
         if not out:
             course = train_in_memory(
                 source.scenario,
-                command=command,
+                asked=asked,
                 engine=engine,
                 pauses=pauses,
                 on_episode=bar.advance,
@@ -99,7 +101,7 @@ def train(
                 out=None if out is True else Path(out),
                 resume=resume,
                 checkpoint_every=checkpoint_every,
-                command=command,
+                asked=asked,
                 engine=engine,
                 pauses=pauses,
                 on_start=bar.start,

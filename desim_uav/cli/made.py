@@ -20,7 +20,7 @@ import typer
 
 from desim_uav.cli.looks import OptionLook, flags_of, look_of
 from desim_uav.cli.terminal import NO_PLUGINS, QUIETS
-from desim_uav.typed import OneOf, Within, marks_of
+from desim_uav.typed import OfTexts, Within, marks_of
 
 Verb = Callable[..., Any]
 Work = Callable[..., None]
@@ -157,7 +157,7 @@ def value_of(verb: Verb, name: str, text: Any) -> Any:
     return text
 
 
-def _check(marks: Sequence[Within | OneOf], flag: str) -> Callable[[Any], Any] | None:
+def _check(marks: Sequence[Within | OfTexts], flag: str) -> Callable[[Any], Any] | None:
     """Return what checks a value as the verb does, and says what is wrong as a terminal does."""
     if not marks:
         return None
@@ -167,7 +167,7 @@ def _check(marks: Sequence[Within | OneOf], flag: str) -> Callable[[Any], Any] |
             if isinstance(mark, Within) and value is not None and not mark.holds(value):
                 text = f"{value:g}" if isinstance(value, float) else value
                 raise typer.BadParameter(f"{text} is not {mark.words}")
-            if isinstance(mark, OneOf) and value is not None and (wrong := mark.problem(value)):
+            if isinstance(mark, OfTexts) and value is not None and (wrong := mark.problem(value)):
                 raise typer.BadParameter(wrong, param_hint=flag)
         return value
 

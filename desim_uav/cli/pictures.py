@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.api import pictures
+from desim_uav.api.levels import write_levels
 from desim_uav.cli.ending import complain, print_json
 from desim_uav.cli.made import made
 from desim_uav.cli.terminal import AS_JSON, GIF, MP4, NO_PLUGINS, NO_PROGRESS, OPEN
@@ -47,6 +48,12 @@ def plot(arguments: dict[str, Any]) -> None:
     place = arguments["out"] or pictures.figure_place(arguments["kind"], arguments["runs"])
     pictures.plot(**arguments | {"out": arguments["out"] or True})
     tell(place)
+
+
+@made(write_levels, NO_PROGRESS, NO_PLUGINS)
+def levels(arguments: dict[str, Any], quiet: bool) -> None:
+    """Print the table's file."""
+    tell(write_levels(**arguments))
 
 
 @made(pictures.film, GIF, MP4, NO_PROGRESS, NO_PLUGINS, without=("file",))

@@ -29,6 +29,7 @@ from desim_uav.engine.base import Measures, TaskQueue, UserState
 from desim_uav.model.rules import AIRBORNE, US, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.palette import USERS, drone_colour, ink_on
+from desim_uav.user_group import streets_of
 from desim_uav.world import World
 
 WIDTH, HEIGHT, PANEL = 800, 600, 200
@@ -130,8 +131,14 @@ class Painter:
                 left, top = self._pixel(ix * dx, (iy + 1) * dy)
                 right, bottom = self._pixel((ix + 1) * dx, iy * dy)
                 height_m = float(grid.height_m[ix, iy])
-                fill = self._shade(height_m) if height_m > 0.0 else None
+                built = height_m > 0.0 and not len(grid.city)
+                fill = self._shade(height_m) if built else None
                 draw.rectangle((left, top, right, bottom), fill=fill, outline="#E6E6E2")
+        for line in streets_of(self.world.scenario):
+            draw.line([self._pixel(*place) for place in line], fill="#DEDEDA", width=3)
+        for corners, roof_m in zip(grid.city.pieces_m, grid.city.roofs_m.tolist(), strict=True):
+            fill = self._shade(roof_m)
+            draw.polygon([self._pixel(*corner) for corner in corners.tolist()], fill=fill)
         for zone in self.world.scenario.map.no_fly:
             draw.polygon([self._pixel(*corner) for corner in zone.polygon_m], outline=RED, width=2)
         for cell in self.world.stations:
@@ -142,7 +149,7 @@ class Painter:
 
     def _shade(self, height_m: float) -> str:
         """Return the shade of a building: the taller it is, the darker."""
-        light = round(222 - 110 * height_m / float(self.world.grid.height_m.max()))
+        light = round(222 - 110 * height_m / self.world.grid.tallest_m)
         return f"#{light:02X}{light:02X}{light:02X}"
 
     def _drawn_background(self) -> Image.Image:
@@ -172,7 +179,8 @@ class Painter:
             stick(picture, mast().reduce(2), LEFT + 6, y)
             draw.text((LEFT + 20, y), "access point", INK, font(12), anchor="lm")
             y -= 20
-        heights_m = self.world.grid.height_m
+        grid = self.world.grid
+        heights_m = grid.city.roofs_m if len(grid.city) else grid.height_m
         if heights_m.any():
             low_m, high_m = float(heights_m[heights_m > 0.0].min()), float(heights_m.max())
             draw.rectangle((LEFT, y - 6, LEFT + 12, y + 6), fill=self._shade((low_m + high_m) / 2))

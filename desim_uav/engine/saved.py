@@ -44,6 +44,7 @@ OF_ONE_ENGINE = {
         *("keeps_events", "keeps_requests", "drones", "events", "closed", "handovers", "records"),
         *("point_records", "updates", "flown", "away_m"),
         *("look", "sky", "slot_times", "slot_keys", "winners", "before", "before_us"),
+        *("fetch_at", "fetch_end"),
     },
     Drone: {"route", "route_end", "features"},
 }

@@ -14,7 +14,7 @@ from desim_uav.links import Links
 from desim_uav.model.geometry.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.motion.motion import TRAPEZOID, PieceRow
 from desim_uav.model.radio.between import Window, window_rows
-from desim_uav.model.radio.buildings import Buildings, cells_as_prisms
+from desim_uav.model.radio.buildings import Buildings, cells_as_prisms, pieces_as_prisms
 from desim_uav.model.radio.curves import MOST_CURVES, Curve, blank_curve, draw
 from desim_uav.model.radio.fits import NONE, SLABS, Fits, fits_of
 from desim_uav.model.radio.links import LOOKS, Link, Look
@@ -65,6 +65,8 @@ def scene_of(world: World) -> Scene:
         scene.drawn_as = Table(world.stream_numbers.tolist())
         scene.nx, scene.ny = world.grid.cells
         scene.cell_x_m, scene.cell_y_m = world.grid.cell_m
+        scene.built_x, scene.built_y = buildings.shape
+        scene.built_x_m, scene.built_y_m = buildings.side_m
         scene.corners, scene.corners_at = buildings.corners, buildings.offsets
         scene.roofs_m, scene.tallest_m = buildings.roofs_m, buildings.tallest_m
         scene.built_at, scene.built = buildings.heads, buildings.members
@@ -130,8 +132,10 @@ def draw_curves(scene: Any) -> None:
 
 
 def buildings_of(world: World) -> Buildings:
-    """Return the buildings that block lines of sight, which are the built cells of the map."""
-    blocks = any(links.radio.sight == "buildings" for links in world.links)
+    """Return the buildings that block lines of sight: a city, or the built cells of the map."""
+    blocks, city = any(links.radio.sight == "buildings" for links in world.links), world.grid.city
+    if blocks and len(city):
+        return pieces_as_prisms(city.blocking_m, city.roofs_m, world.area)
     height_m = world.grid.height_m
     return cells_as_prisms(height_m if blocks else 0.0 * height_m, world.grid.cell_m)
 

@@ -48,7 +48,6 @@ FEWEST_DRAWN, FEWEST_STEPPED = 32, 8
 MOST_DRAWN = 128
 """The largest number whose sample paths are drawn at once, because of the memory for drawing."""
 
-
 CACHED = 4 * 2**20
 """The bytes of all states up to which it is not worth fetching them before they are stepped."""
 

@@ -24,12 +24,12 @@ from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
 from desim_uav.records import EPISODES, REQUESTS, SENSORS
 from desim_uav.report.manifest import read_manifest
-from desim_uav.run_folder import RunDraft, RunPlace, world_content
-from desim_uav.scenario.load import dump, scenario_hash
+from desim_uav.run_folder import RunDraft, RunPlace, folder_name, world_content
+from desim_uav.scenario.load import files_of, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
-NAMED = ("scenario", "policy", "seed", "world_seed")
+NAMED = ("name", "scenario", "policy", "seed", "world_seed")
 """The entries of a manifest that a summary repeats, if it has them."""
 
 ALWAYS_CALLED = ("policy.npz", "desim_uav.npz")
@@ -49,6 +49,8 @@ class How:
     keep_events: bool = False
     engine: str = "des"
     command: Sequence[str] = ()
+    overrides: Sequence[str] = ()
+    name: str | None = None
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,8 @@ class Recorded:
 
     def write(self, draft: RunDraft) -> None:
         """Write everything except the tables into a run folder."""
-        draft.write_text("scenario.yaml", dump(self.prepared.scenario))
+        for name, content in files_of(self.prepared.scenario).items():
+            draft.write_bytes(name, content)
         draft.write_json("world.json", world_content(self.prepared.world))
         draft.write_json("manifest.json", self.manifest)
 
@@ -123,9 +126,11 @@ def prepare(
     return Prepared(scenario, world, loaded, policy_name(policy))
 
 
-def place_of(scenario: Scenario, policy: PolicyLike, out: Path | None) -> RunPlace:
-    """Return the folder of a run: ``out``, or ``runs/<scenario>-<policy>-s<seed>``."""
-    return RunPlace(out, f"{scenario.name}-{label_of(policy_name(policy))}-s{scenario.seed}")
+def place_of(
+    scenario: Scenario, policy: PolicyLike, out: Path | None, overrides: Sequence[str] = ()
+) -> RunPlace:
+    """Return the folder of a run: ``out``, or one in ``runs`` with the name of ``folder_name``."""
+    return RunPlace(out, folder_name(scenario, label_of(policy_name(policy)), overrides))
 
 
 def write_run(
@@ -224,11 +229,15 @@ def record_episodes(
         "episodes_asked": how.episodes,
         "interrupted": tally.episodes < how.episodes,
         "command": list(how.command),
+        "overrides": list(how.overrides),
         "started": started,
         "finished": now(),
         "versions": versions(),
     }
-    entries = {key: manifest[key] for key in NAMED}
+    if world.grid.city.attribution:
+        manifest["attribution"] = world.grid.city.attribution
+    manifest |= {"name": how.name} if how.name else {}
+    entries = {key: manifest[key] for key in NAMED if key in manifest}
     return Recorded(prepared, manifest, entries | tally.headline(), tally.groups())
 
 

@@ -29,7 +29,7 @@ from desim_uav.measures.known import compared_in
 from desim_uav.measures.tally import MEASURED, Tally
 from desim_uav.policies.base import Policy
 from desim_uav.registry import naming_plug_ins
-from desim_uav.run_folder import RunDraft, RunPlace
+from desim_uav.run_folder import RunDraft, RunPlace, folder_name
 from desim_uav.sample_path import draw
 from desim_uav.scenario.schema import Scenario
 
@@ -231,11 +231,11 @@ def _difference(
 # ---- the folder
 
 
-def place_of_fork(prepared: Prepared, other_name: str, at: At, out: Path | None) -> RunPlace:
+def place_of_fork(branches: Branches, out: Path | None) -> RunPlace:
     """Return the folder of a counterfactual: ``out``, or one in ``runs`` that names what it is."""
-    scenario = prepared.scenario
-    name = f"{scenario.name}-{label_of(prepared.name)}-s{scenario.seed}"
-    return RunPlace(out, f"{name}-fork-{at.episode}-{at.step}-{label_of(other_name)}")
+    prepared, at = branches.prepared, branches.at
+    name = folder_name(prepared.scenario, label_of(prepared.name), branches.how.overrides)
+    return RunPlace(out, f"{name}-fork-{at.episode}-{at.step}-{label_of(branches.other_name)}")
 
 
 def write_branches(

@@ -35,6 +35,7 @@ class Entries(Form):
     kind: ManifestText = "run"
     finished: ManifestText = ""
     interrupted: bool = False
+    name: ManifestText = ""
 
 
 class Listed(NamedTuple):

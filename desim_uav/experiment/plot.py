@@ -13,6 +13,8 @@ from desim_uav.experiment.compare import Comparison, reference_of
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.replay.again import Source
+from desim_uav.experiment.table_file import ENDINGS as TABLES
+from desim_uav.experiment.table_file import table_bytes
 from desim_uav.measures.known import check, names_of
 from desim_uav.policies.tabular import read_table
 from desim_uav.shipped import find_table
@@ -27,6 +29,7 @@ class Kind:
     """A kind of figure: how it is drawn, its options, and whether it takes several folders.
 
     If it is ``optional``, it takes none too. ``again``: a run that kept no events is played again.
+    ``tabled``: its numbers can be written to a file instead.
     """
 
     draw: Callable[..., Figure]
@@ -34,6 +37,7 @@ class Kind:
     several: bool = field(default=False)
     optional: bool = field(default=False)
     again: bool = field(default=False)
+    tabled: bool = field(default=False)
 
 
 ZENG = "{name: zeng2019, map: {obstacles: null}, drones: {battery: {kind: rotary_wing}}}"
@@ -182,26 +186,32 @@ KINDS: Mapping[str, Kind] = {
     "age": Kind(_of_runs("age"), ("episode",), several=True),
     "radio": Kind(_radio, ("level", "at")),
     "snapshot": Kind(_of_run("snapshot"), ("episode", "minute"), again=True),
+    "map": Kind(_of_run("map"), ("episode", "minute"), again=True, tabled=True),
 }
 
 
 class Target:
     """The file of a figure, which is checked before the figure is drawn.
 
-    Raises UsageError for a file of another kind, or one that cannot be written.
+    If its numbers may be ``tabled``, it can also be a table. Raises UsageError for a file of
+    another kind, or one that cannot be written.
     """
 
-    def __init__(self, out: Path, option: str = "") -> None:
-        from desim_uav.report.figures.style import ending
+    def __init__(self, out: Path, option: str = "", tabled: bool = False) -> None:
+        from desim_uav.report.figures.style import ENDINGS, ending
 
-        self._suffix = ending(out, option or "--out")
+        self._suffix = ending(out, option or "--out", (*ENDINGS, *TABLES) if tabled else ENDINGS)
         self._place = file_place(out, option)
 
-    def write(self, figure: Figure) -> None:
+    def write(self, figure: Any) -> None:
         """Write the figure in one step."""
         from desim_uav.report.figures.style import to_bytes
 
-        write_at(self._place, to_bytes(figure, self._suffix))
+        if self._suffix in TABLES:
+            content = table_bytes(figure.table, self._suffix)
+        else:
+            content = to_bytes(figure, self._suffix)
+        write_at(self._place, content)
 
 
 def draw(

@@ -6,6 +6,7 @@ import multiprocessing as mp
 import os
 import pickle
 import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -21,6 +22,22 @@ from desim_uav.registry import FAULTS, what_failed
 
 T = TypeVar("T")
 
+ENDS_WITH_STDIN = """
+import os, sys, threading
+threading.Thread(target=lambda: (os.read(0, 1), os._exit(1)), daemon=True).start()
+"""
+"""The beginning of a program that ends with the process that holds the other end of its stdin."""
+
+_SCRIPT = (
+    ENDS_WITH_STDIN
+    + """
+import runpy
+del sys.argv[0]
+sys.path[0] = os.path.dirname(sys.argv[0])
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+)
+
 DIED = "a process has died; if memory ran out, run fewer at a time (-j)"
 
 NO_FILE = (
@@ -32,6 +49,20 @@ NO_START = (
     "above. It first runs the script again, so a script must do its work under "
     '`if __name__ == "__main__":`; or run one at a time (-j 1, jobs=1)'
 )
+
+
+def run_script(words: Sequence[str]) -> tuple[int, str]:
+    """Run a Python script with its arguments in a process that ends with this one, however it ends.
+
+    Returns its exit code and what it has written to stderr; its stdout is dropped.
+    """
+    command, pipe = [sys.executable, "-c", _SCRIPT, *words], subprocess.PIPE
+    with subprocess.Popen(
+        command, stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe, text=True
+    ) as script:
+        assert script.stderr is not None
+        said = script.stderr.read()
+        return script.wait(), said
 
 
 class _Started:

@@ -25,7 +25,7 @@ from desim_uav.model.state import Observation
 from desim_uav.policies.network_file import DEEPEST, are_widths
 from desim_uav.registry import names, register
 from desim_uav.run_folder import world_hash
-from desim_uav.scenario.load import from_mapping, to_plain
+from desim_uav.scenario.load import component_alone, to_plain
 from desim_uav.shipped import find_table
 from desim_uav.world import World
 
@@ -139,7 +139,7 @@ def component_of(observation: dict[str, Any] | None) -> Any:
     if kind not in names("observation"):
         kinds = ", ".join(sorted(names("observation")))
         raise ValueError(f"its observation is {in_short(kind)}; must be one of {kinds}")
-    return from_mapping({"observation": observation}, source="its description").observation
+    return component_alone("observation", observation, source="its description")
 
 
 def description_of(world: World, own: bool = False) -> dict[str, Any]:

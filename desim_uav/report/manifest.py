@@ -21,6 +21,7 @@ class Named(Form):
     scenario: ManifestText
     policy: ManifestText
     seed: Count
+    name: ManifestText = ""
 
 
 class Settings(Named):

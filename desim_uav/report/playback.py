@@ -20,12 +20,14 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import Measures, TaskQueue, UserState
 from desim_uav.errors import PolicyError
+from desim_uav.model.radio.tracks import Flight
 from desim_uav.model.rules import US, Mode, Phase
 from desim_uav.model.services import COMPUTING
 from desim_uav.report.batteries import battery_curve, charges_before
 from desim_uav.report.links import full_service_s
 from desim_uav.report.run import Run
 from desim_uav.report.tracks import Track
+from desim_uav.report.way_points import WayPoints
 from desim_uav.rules.words import LEADS_TO
 
 Floats = NDArray[np.float64]
@@ -91,7 +93,7 @@ class Playback:
             np.array([track.position_m(t_us) for track in self._tracks]),
             modes,
             tuple(self._battery_s(drone, t_us) for drone in range(len(modes))),
-            self._users_m(t_us),
+            self.walks.all_m(t_us),
             [UserState(state) for state in states],
             holders,
             serving,
@@ -103,8 +105,19 @@ class Playback:
 
     def paths_m(self, times_us: Ints) -> Floats:
         """Return the position of each drone at some times, as (drones, times, 3)."""
-        times = times_us.tolist()
-        return np.array([[track.position_m(t_us) for t_us in times] for track in self._tracks])
+        return np.array([self.path_m(drone, times_us) for drone in range(len(self._tracks))])
+
+    def path_m(self, drone: int, times_us: Ints) -> Floats:
+        """Return the position of a drone at some times, as (times, 3)."""
+        track = self._tracks[drone]
+        return np.array([track.position_m(t_us) for t_us in times_us.tolist()]).reshape(-1, 3)
+
+    def flights(self, drone: int) -> list[tuple[Flight, tuple[int, int]]]:
+        """Return the flights of a drone in the episode, each with the time for which it is on it.
+
+        That is until the next one begins.
+        """
+        return self._tracks[drone].flown(self.duration_us)
 
     def way_m(self, drone: int, t_us: int) -> Floats:
         """Return the places at which a drone's path begins and bends until an instant, (n, 3)."""
@@ -114,7 +127,7 @@ class Playback:
 
     def spans(self, drone: int) -> Iterator[tuple[int, int, Mode]]:
         """Yield a drone's modes one after the other: start and end (µs), and the mode."""
-        keys, modes = self._changes[drone]
+        keys, modes = self.mode_changes[drone]
         starts = [0, *(keys[1:] // PHASES).tolist()]
         for start, end, mode in zip(starts, [*starts[1:], self.duration_us], modes, strict=True):
             if end > start:
@@ -122,7 +135,7 @@ class Playback:
 
     def crashes_us(self, drone: int) -> list[int]:
         """Return the times at which a drone crashed."""
-        events = self._events
+        events = self.events
         mine = (events["kind"] == "crash") & (events["drone"] == drone)
         return [int(t_us) for t_us in events.loc[mine, "t_us"]]
 
@@ -151,9 +164,9 @@ class Playback:
         return PolicyError(f"{file}: not of this run, episode {self.episode}: {why}")
 
     @cached_property
-    def _changes(self) -> list[tuple[Ints, list[Mode]]]:
+    def mode_changes(self) -> list[tuple[Ints, list[Mode]]]:
         """For each drone the keys of the events that change its mode, and the new modes."""
-        events = self._events[self._events["kind"].isin([*LEADS_TO, "depart"])]
+        events = self.events[self.events["kind"].isin([*LEADS_TO, "depart"])]
         changes = []
         for drone, track in enumerate(self._tracks):
             mine = events[events["drone"] == drone]
@@ -170,7 +183,7 @@ class Playback:
         return changes
 
     def _mode(self, drone: int, key: int) -> Mode:
-        keys, modes = self._changes[drone]
+        keys, modes = self.mode_changes[drone]
         return modes[int(np.searchsorted(keys, key, "right")) - 1]
 
     @cached_property
@@ -186,7 +199,7 @@ class Playback:
             if not drone_type.limited:
                 charges.append((np.empty(0), np.empty(0)))
                 continue
-            events = self._events[(self._events["drone"] == drone) & self._events["user"].isna()]
+            events = self.events[(self.events["drone"] == drone) & self.events["user"].isna()]
             knots = battery_curve(
                 drone_type,
                 self._tracks[drone],
@@ -215,7 +228,8 @@ class Playback:
     # ---- users
 
     @cached_property
-    def _events(self) -> pd.DataFrame:
+    def events(self) -> pd.DataFrame:
+        """The events of the episode, with their keys."""
         events = self.run.of("events", self.episode)
         return events.assign(key=events["t_us"] * PHASES + events["phase"])
 
@@ -241,7 +255,7 @@ class Playback:
         A task arrives with a ``stage``, or with ``serve`` if it is computed first of all, and
         stands there until another stage begins, also because it is lost, or until it is over.
         """
-        events = self._events.dropna(subset=["request_id"])
+        events = self.events.dropna(subset=["request_id"])
         order = events["kind"].map({kind: k for k, kind in enumerate(ON_TASKS)})
         events = events.assign(order=order).dropna(subset=["order"])
         events = events.sort_values(["key", "order"], kind="stable")
@@ -287,7 +301,7 @@ class Playback:
 
     def _spells(self, begins: str, ends: str) -> Spells:
         """Return each beginning with its end, which is the next of the same drone and user."""
-        events = self._events[self._events["kind"].isin([begins, ends])]
+        events = self.events[self.events["kind"].isin([begins, ends])]
         events = events.sort_values(["drone", "user"], kind="stable")
         first, last = events["kind"] == begins, events["kind"] == ends
         if first.sum() != last.sum():
@@ -304,7 +318,7 @@ class Playback:
     @cached_property
     def _requests(self) -> RequestTimes:
         requests = self.run.of("requests", self.episode)
-        events = self._events.dropna(subset=["request_id"])
+        events = self.events.dropna(subset=["request_id"])
         opened = events[events["kind"] == "request"]
         closed = events[events["kind"].isin(CLOSES)]
 
@@ -328,24 +342,9 @@ class Playback:
         return holders, serving, requests.user[is_open]
 
     @cached_property
-    def _walks(self) -> tuple[Ints, Ints, Floats, int]:
-        """The way points by user and time: keys, times, positions, and the keys per user."""
-        points = self.run.of("users", self.episode).sort_values(["user", "t_s"], kind="stable")
-        t_us = (points["t_s"] * US).round().to_numpy(np.int64)
-        room = int(t_us.max()) + 1
-        places = points[["x_m", "y_m", "z_m"]].to_numpy(np.float64)
-        return points["user"].to_numpy(np.int64) * room + t_us, t_us, places, room
-
-    def _users_m(self, t_us: int) -> Floats:
-        keys, times, places, room = self._walks
-        keys_at = np.arange(len(self.run.world.homes)) * room + min(t_us, room - 1)
-        before = np.searchsorted(keys, keys_at, "right") - 1
-        after = np.minimum(before + 1, len(keys) - 1)
-        length = times[after] - times[before]
-        moves = length > 0  # otherwise it is a user's last way point
-        share = np.where(moves, (t_us - times[before]) / np.where(moves, length, 1), 0.0)
-        users_m: Floats = places[before] + share[:, None] * (places[after] - places[before])
-        return users_m
+    def walks(self) -> WayPoints:
+        """The walks of the users."""
+        return WayPoints(self.run.of("users", self.episode), len(self.run.world.homes))
 
     # ---- measures
 

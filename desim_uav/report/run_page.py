@@ -32,6 +32,7 @@ MOST_EPISODES = 200
 def run_page(run: Reported, title: str | None) -> str:
     """Return the page as HTML."""
     default = "{scenario}, {policy}, seed {seed}".format(**run.summary)
+    title = title or run.manifest.get("name")
     size = (
         f"{count(run.summary['episodes'], 'episode')}, {count(run.summary['requests'], 'request')}"
     )

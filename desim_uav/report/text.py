@@ -67,7 +67,8 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     """Print the table at the end of a run: all requests, and requests by service."""
     rows = [{"service": "all"} | summary, *by_service]
     title = "{scenario}, {policy}, seed {seed}{world}: {episodes} episode(s), {crashes} crash(es)"
-    _print_all("service", rows, title.format(**summary, world=in_world(summary)))
+    label = f"{summary['name']}: " if "name" in summary else ""
+    _print_all("service", rows, label + title.format(**summary, world=in_world(summary)))
     if "link_handovers" in summary:
         tell(links_in_words(summary))
     if "conflicts" in summary:
@@ -220,12 +221,16 @@ def print_runs(rows: Sequence[Row]) -> None:
     """Print a row for each run or training of a list."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
     table.add_column("run", overflow="fold")
+    named = any(row["name"] for row in rows)
+    if named:
+        table.add_column("name", overflow="fold")
     for heading in ("episodes", *(heading for heading, _ in LISTED.values())):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("differs", overflow="fold")
     for row in rows:
         cells = (_cell(row, name, form) for name, (_, form) in LISTED.items())
-        table.add_row(_text(row["run"]), str(row["episodes"]), *cells, _text(row["differs"]))
+        first = [_text(row[key]) for key in ("run", "name") if key == "run" or named]
+        table.add_row(*first, str(row["episodes"]), *cells, _text(row["differs"]))
     print_table(table)
 
 

@@ -20,6 +20,7 @@ from desim_uav.model.motion.motion import (
 )
 from desim_uav.model.motion.space import flight_of
 from desim_uav.model.motion.wind import flown_along, motion_in, way_between
+from desim_uav.model.radio.tracks import Flight
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
 from desim_uav.report.run import Run
@@ -61,6 +62,21 @@ class Track:
         for number, leg in enumerate(self._legs):
             if leg.transit.duration_us > 0:
                 yield number, leg.transit
+
+    def flown(self, end_us: int) -> list[tuple[Flight, tuple[int, int]]]:
+        """Return the flights until a time, each with the time from its start to the next one's."""
+        until_us = np.append(self.starts_us[1:], end_us)
+        spans = zip(np.maximum(self.starts_us, 0).tolist(), until_us.tolist(), strict=True)
+        return [
+            (
+                Flight(leg.transit.rows, (*start, *stop), int(self.starts_us[number])),
+                (since_us, min(to_us, end_us)),
+            )
+            for number, ((since_us, to_us), leg, (start, stop)) in enumerate(
+                zip(spans, self._legs, self.places, strict=True)
+            )
+            if since_us < to_us
+        ]
 
     def until_us(self, number: int) -> int:
         """Return the end of a leg, or the time at which another one cuts it off."""

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from desim_uav.model.geometry.city import NO_CITY, City
 from desim_uav.model.geometry.grid import Grid
 from desim_uav.report.json_file import Form, read_json
 from desim_uav.scenario.schema import Scenario
@@ -30,6 +31,26 @@ class Cluster(Form):
     radius_m: Length
 
 
+class StoredCity(Form):
+    """The convex pieces of the buildings of a city (see ``model.geometry.city.City``)."""
+
+    attribution: Annotated[str, Field(max_length=10_000)]
+    roofs_m: list[Height]
+    pieces_m: list[
+        Annotated[
+            list[Annotated[list[Metres], Field(min_length=2, max_length=2)]], Field(min_length=3)
+        ]
+    ]
+
+    @field_validator("pieces_m")
+    @classmethod
+    def _one_a_roof(cls, pieces: list[Any], info: ValidationInfo) -> list[Any]:
+        roofs = info.data.get("roofs_m")
+        if roofs is not None and len(pieces) != len(roofs):
+            raise ValueError(f"must be {len(roofs)} pieces, one for each of roofs_m")
+        return pieces
+
+
 class Stored(Form):
     """The parts of a world that pictures, replays and analyses need."""
 
@@ -42,6 +63,7 @@ class Stored(Form):
     start_cells: Cells
     clusters: list[Cluster]
     users: Annotated[list[Position], Field(min_length=1)]
+    city: StoredCity | None = None
 
     @field_validator("cells")
     @classmethod
@@ -67,6 +89,13 @@ class Stored(Form):
         return places
 
 
+def _city_of(content: dict[str, Any] | None) -> City:
+    if content is None:
+        return NO_CITY
+    pieces = tuple(np.array(piece, np.float64) for piece in content["pieces_m"])
+    return City(pieces, np.array(content["roofs_m"], np.float64), content["attribution"])
+
+
 def read_world(folder: Path) -> dict[str, Any]:
     """Return the content of ``world.json``. Raises PolicyError with the file and the key."""
     return read_json(folder / "world.json", Stored, "the world of a run")
@@ -82,6 +111,7 @@ def stored_world(content: dict[str, Any], scenario: Scenario) -> World:
         tuple(content["open_levels_m"]),
         scenario.map.levels.step_m,
         len(content["levels_m"]),
+        _city_of(content.get("city")),
     )
     stations, starts = (
         tuple((ix, iy) for ix, iy in content[name]) for name in ("stations", "start_cells")

@@ -42,7 +42,7 @@ from desim_uav.scenario.service_checks import (
     users_can_compute,
 )
 from desim_uav.scenario.shield import shields_hold
-from desim_uav.scenario.space_checks import free_flight_fits_the_scenario
+from desim_uav.scenario.space_checks import buildings_fit_the_map, free_flight_fits_the_scenario
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -332,6 +332,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     drones_start_on_the_map,
     users_are_on_the_map,
     obstacles_fit_the_map,
+    buildings_fit_the_map,
     levels_fit_the_map,
     drones_can_fly_in_the_wind,
     drones_can_keep_apart,

@@ -144,6 +144,12 @@ def places_are_in_metres(scenario: Scenario) -> Iterator[str]:
             )
 
 
+def buildings_are_known(scenario: Scenario) -> Iterator[str]:
+    """Yield what was assumed of the buildings of a file, and what was left out."""
+    for words in scenario.map.city_of_file.notices:
+        yield f"map.buildings: {words}"
+
+
 def zones_stand_in_the_way(scenario: Scenario) -> Iterator[str]:
     """Yield warnings about no-fly zones that no drone can meet."""
     width, depth = scenario.map.size_m
@@ -262,6 +268,7 @@ DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     recordings_fit_an_episode,
     groups_ask_by_the_demand,
     places_are_in_metres,
+    buildings_are_known,
     zones_stand_in_the_way,
     services_fit_the_bandwidth,
     something_is_uploaded,

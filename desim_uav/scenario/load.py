@@ -22,6 +22,7 @@ from desim_uav.model.traces import MAX_BYTES as MAX_TABLE_BYTES
 from desim_uav.registry import resolve
 from desim_uav.rowcode.regular_file import content_of
 from desim_uav.scenario import yaml12
+from desim_uav.scenario.buildings import BuildingsOfFile
 from desim_uav.scenario.checks import findings
 from desim_uav.scenario.components import strictly
 from desim_uav.scenario.description import code_of, described, unchanged
@@ -29,7 +30,7 @@ from desim_uav.scenario.draft import MAX_PROBLEMS, ScenarioDraft, override_path,
 from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.preset import paper_preset
 from desim_uav.scenario.schema import Scenario
-from desim_uav.shipped import find_scenario
+from desim_uav.shipped import find_scenario, shipped_extract
 from desim_uav.typed import typed
 
 MAX_BYTES = 2**20
@@ -127,6 +128,19 @@ def from_mapping(
     return _resolved(ScenarioDraft(source, data), base, overrides)
 
 
+def component_alone(key: str, plain: Mapping[str, Any], source: str) -> Any:
+    """Return the component that plain data describe, whatever scenario it is used in.
+
+    ``key`` is its key in a scenario file. What depends on other keys is not checked. Raises
+    ScenarioError for wrong settings.
+    """
+    draft = ScenarioDraft(source, {key: plain_copy(plain)})
+    scenario = _valid(draft, None)
+    if scenario is None or draft.problems:
+        raise ScenarioError(*draft.problems)
+    return getattr(scenario, key)
+
+
 def dump(scenario: Scenario) -> str:
     """Return a scenario as YAML text with every key. Loading the text gives the same scenario."""
     return yaml.dump(
@@ -137,6 +151,24 @@ def dump(scenario: Scenario) -> str:
         allow_unicode=True,
         width=100,
     )
+
+
+def files_of(scenario: Scenario) -> dict[str, bytes]:
+    """Return what a folder holds of a scenario: its YAML text, and the extract of its map if any.
+
+    The text names this copy of the extract, so the folder can be read when the file has changed.
+    Raises ScenarioError if the file cannot be read any more.
+    """
+    buildings, copies = scenario.map.buildings, dict[str, bytes]()
+    if isinstance(buildings, BuildingsOfFile):
+        name = f"buildings{buildings.file.suffix}"
+        try:
+            copies[name] = content_of(buildings.file, MAX_TABLE_BYTES)
+        except (OSError, ValueError) as error:
+            raise ScenarioError(f"map.buildings.file: {buildings.file}: {error}") from error
+        own = scenario.map._with(buildings=buildings._with(file=Path(name)))
+        scenario = scenario._with(map=own)
+    return {"scenario.yaml": dump(scenario).encode(), **copies}
 
 
 def to_plain(scenario: Scenario) -> dict[str, Any]:
@@ -207,6 +239,18 @@ def _resolved(draft: ScenarioDraft, base: Path | None, overrides: Sequence[str])
     defaults = to_plain(Scenario()) if overrides else {}
     for number, override in enumerate(overrides):
         draft.override(number, override, defaults)
+    scenario = _valid(draft, base)
+    if scenario is not None:
+        for finding in islice(findings(scenario), MAX_PROBLEMS):
+            if not draft.depends_on_refused((finding.path, *finding.also)):
+                draft.at(finding.path, finding.message, finding.also)
+    if scenario is None or draft.problems:
+        raise ScenarioError(*draft.problems)
+    return scenario
+
+
+def _valid(draft: ScenarioDraft, base: Path | None) -> Scenario | None:
+    """Return the scenario of a draft, without checks of keys against each other, or None."""
     draft.clean()
     for path in draft.doubtful:
         if draft.has(path):
@@ -214,12 +258,6 @@ def _resolved(draft: ScenarioDraft, base: Path | None, overrides: Sequence[str])
     scenario = None
     while scenario is None and not draft.hopeless:
         scenario = _validated(draft, base)
-    if scenario is not None:
-        for finding in islice(findings(scenario), MAX_PROBLEMS):
-            if not draft.depends_on_refused((finding.path, *finding.also)):
-                draft.at(finding.path, finding.message, finding.also)
-    if scenario is None or draft.problems:
-        raise ScenarioError(*draft.problems)
     return scenario
 
 
@@ -257,12 +295,17 @@ def _plain(value: object, hashed: bool = False) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item, hashed) for item in value]
     if isinstance(value, Path):
-        return _digest(value) if hashed else str(value)
+        return _digest(value) if hashed else _file_name(value)
     if value is None or isinstance(value, bool | int | float | str):
         if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
             value = int(value)
         return value
     return _plain(described(value, hashed), hashed)
+
+
+def _file_name(path: Path) -> str:
+    """Return a file's path, or its name alone if it comes with the package."""
+    return path.name if shipped_extract(path.name) == path else str(path)
 
 
 def _digest(path: Path) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
@@ -13,8 +15,10 @@ from pydantic import (
     model_validator,
 )
 
+from desim_uav.model.geometry.city import NO_CITY, City
 from desim_uav.model.geometry.polygons import MOST_CORNERS, checked
-from desim_uav.scenario.components import strictly
+from desim_uav.scenario.buildings import Buildings, BuildingsOfFile, BuildingsOfItu
+from desim_uav.scenario.components import errors, strictly
 from desim_uav.scenario.fields import (
     Altitude,
     CellCount,
@@ -98,7 +102,7 @@ class NoFly(Section):
 class Map(Section):
     """The map: its size, its cells, and in 3D its levels and obstacles."""
 
-    later: ClassVar = ("no_fly",)
+    later: ClassVar = ("no_fly", "buildings")
 
     size_m: tuple[Side, Side] = (SIDE_M, SIDE_M)
     """The width (to the east) and depth (to the north) of the map, in metres."""
@@ -110,6 +114,10 @@ class Map(Section):
     """The altitudes at which drones fly."""
     obstacles: Obstacles | None = DrawnObstacles()
     """The buildings (3D only): drawn, or listed under `cells`; null means none."""
+    buildings: Buildings | None = None
+    """The buildings of a city (3D only), of a file or drawn after ITU-R P.1410, instead of
+    `obstacles`; null means none.
+    """
     no_fly: Annotated[tuple[NoFly, ...], Field(max_length=1000)] = ()
     """The zones in which no drone may fly. They need `motion: {space: free}` of all drones."""
 
@@ -119,10 +127,56 @@ class Map(Section):
             self._settle(obstacles=None)
         return self
 
+    @model_validator(mode="after")
+    def _buildings_are_the_obstacles(self) -> Map:
+        if self.buildings is None:
+            return self
+        if "obstacles" not in self.model_fields_set:
+            self._settle(obstacles=None)
+        elif self.obstacles is not None:
+            raise errors([(("buildings",), "not beside map.obstacles, which are buildings", None)])
+        if isinstance(self.buildings, BuildingsOfFile):
+            try:
+                self.city_of_file  # noqa: B018
+            except ValueError as error:
+                problem = str(error)
+                raise errors([(("buildings", "file"), problem, str(self.buildings.file))]) from None
+        return self
+
+    @property
+    def city_of_file(self) -> City:
+        """The buildings of the map's file; none if it has no file. Raises ValueError."""
+        if not isinstance(self.buildings, BuildingsOfFile):
+            return NO_CITY
+        from desim_uav.city.footprints import read_city
+
+        own = self.buildings
+        city = read_city(own.file, self.size_m, own.origin, own.height_m)
+        if own.attribution is None:
+            return city
+        words = [own.attribution, *filter(None, [city.attribution])]
+        return replace(city, attribution="; ".join(dict.fromkeys(words)))
+
+    @property
+    def drawn_up_to_m(self) -> float | None:
+        """The height that buildings reach that are drawn; None if none are drawn."""
+        if isinstance(self.buildings, BuildingsOfItu):
+            return self.buildings.tallest_m
+        if isinstance(self.obstacles, DrawnObstacles):
+            low_m, high_m = self.obstacles.height_m
+            return math.nextafter(high_m, low_m)  # heights are drawn from [low, high)
+        return None
+
     @property
     def tallest_m(self) -> float:
         """The height of the tallest building that there can be, in metres; 0 without any."""
-        if self.dimensions == 2 or self.obstacles is None:
+        if self.dimensions == 2:
+            return 0.0
+        if isinstance(self.buildings, BuildingsOfItu):
+            return self.buildings.tallest_m
+        if self.buildings is not None:
+            return self.city_of_file.tallest_m
+        if self.obstacles is None:
             return 0.0
         if isinstance(self.obstacles, DrawnObstacles):
             return self.obstacles.height_m[1]

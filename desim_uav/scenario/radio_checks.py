@@ -18,7 +18,6 @@ from desim_uav.model.services import has_volumes, is_one_time, problems_of, rate
 from desim_uav.registry import FAULTS, kind_name, what_failed
 from desim_uav.rowcode.components import over_rows
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.map import DrawnObstacles
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -140,7 +139,7 @@ def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
         if radio.line_of_sight == "buildings" and not _has_buildings(scenario):
             yield Finding(
                 (*path, "line_of_sight"),
-                "needs buildings: map.dimensions: 3 and map.obstacles",
+                "needs buildings: map.dimensions: 3, and map.obstacles or map.buildings",
                 _CLIMBS,
             )
         if radio.line_of_sight == "drawn" and _always_sees(radio.path_loss):
@@ -316,16 +315,12 @@ def _levels_m(scenario: Scenario) -> tuple[float, float]:
 
 
 def _has_buildings(scenario: Scenario) -> bool:
-    obstacles = scenario.map.obstacles
-    if not scenario.three_d or obstacles is None:
-        return False
-    return isinstance(obstacles, DrawnObstacles) or bool(obstacles.cells)
+    return scenario.map.tallest_m > 0.0
 
 
 def _tallest_user_m(scenario: Scenario) -> float:
     """The greatest height that a user can have, in metres: on the ground, or in a building."""
-    obstacles = scenario.map.obstacles
-    if obstacles is None or not _has_buildings(scenario):
+    if not _has_buildings(scenario):
         return 0.0
     highest_m = max(users.max_height_m for users in scenario.user_groups)
     return min(highest_m, scenario.map.tallest_m)

@@ -1,10 +1,11 @@
-"""Checks of free flight: what it cannot be combined with, each refused by name."""
+"""Checks of cities and of free flight: what they cannot be combined with, refused by name."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
 
+from desim_uav.scenario.buildings import BuildingsOfItu
 from desim_uav.scenario.drones import Drones, flies_freely
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Scenario
@@ -13,7 +14,30 @@ from desim_uav.scenario.yaml12 import KeyPath
 MOST_WORK = 12_000_000
 """The largest sum of the squared numbers of corners of all zones: it takes about a minute."""
 
+MOST_BUILDINGS = 50_000
+"""The most buildings of a drawn city."""
+
 FREE = "drones.motion: space: free"
+
+
+def buildings_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
+    """No city in 2D, and a drawn one in reasonable number that has a building."""
+    buildings, path = scenario.map.buildings, ("map", "buildings")
+    if buildings is not None and not scenario.three_d:
+        yield Finding(
+            path,
+            "not in 2D, where drones fly above everything; leave it out, or map.dimensions: 3",
+            (("map", "dimensions"),),
+        )
+    if isinstance(buildings, BuildingsOfItu):
+        width, depth = scenario.map.size_m
+        count = buildings.beta * width * depth / 1e6
+        if not 1 <= count <= MOST_BUILDINGS:
+            yield Finding(
+                (*path, "beta"),
+                f"makes {count:,.0f} buildings of the map; from 1 to {MOST_BUILDINGS:,}",
+                (("map", "size_m"),),
+            )
 
 
 def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:

@@ -74,7 +74,7 @@ class Scene(Row):
     ``transits`` and ``radios`` have the numbers of those of ``rules.rows.Constants``. ``groups``
     are those of the users by height, and ``heights_m`` their heights, if a search needs them
     (``model.radio.air``). If links are drawn, users are ``drawn_as`` these numbers. Users are
-    sorted by place into buckets. The buildings that block lines of sight are from ``corners`` to
+    sorted by place into buckets. The buildings that block lines of sight are from ``built_x`` to
     ``tallest_m`` (see ``model.radio.buildings``): building b has the corners from ``corners_at[b]``
     on, and bucket k the buildings ``built`` from ``built_at[k]`` on.
     """
@@ -93,6 +93,10 @@ class Scene(Row):
     ny: int
     cell_x_m: float
     cell_y_m: float
+    built_x: int
+    built_y: int
+    built_x_m: float
+    built_y_m: float
     corners: Table[Corner]
     corners_at: Table[int]
     roofs_m: Table[float]

@@ -367,7 +367,7 @@ class TestReplay:
         with pytest.raises(UsageError, match=r"beside: the run has the seeds \[5\], not 1"):
             runs.replay(seed=1, beside=du.run("tiny", seed=5, events=True))
         other = du.run("tiny", {"episode.steps": 3}, seed=1, policy="hover", events=True)
-        with pytest.raises(PolicyError, match=r"tiny-hover-s1 cannot.*episode.steps: 5 and 3"):
+        with pytest.raises(PolicyError, match=r"tiny-hover-s1-\S+ cannot.*episode.steps: 5 and 3"):
             runs.replay(seed=1, beside=other)
 
     def test_a_notebook_shows_it_in_a_frame(self):
@@ -436,6 +436,7 @@ def test_a_notebook_shows_the_table():
     shown = du.run("case8", SMALL, seeds=3)._repr_html_()
     assert "case8, baseline, 3 seeds: 1 episode per seed" in shown
     assert shown.count("<tr>") == 1 + 1 + 3
+    assert all(f">{s}<" in shown for s in ("all", "data_gathering", "edge_computing", "throughput"))
     assert "±" in shown
     assert "±" not in du.run("case8", SMALL)._repr_html_()
 

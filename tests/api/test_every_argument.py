@@ -35,7 +35,7 @@ NOT_HERE = {"register", "draw"}
 """A decorator, and a function of worlds and numbers alone, which are only called wrongly."""
 
 METHODS: dict[type, tuple[str, ...]] = {
-    du.RunResult: ("qoe", "groups", "save", "replay", "plot", "film", "report"),
+    du.RunResult: ("qoe", "groups", "save", "replay", "plot", "film", "report", "levels", "map"),
     du.TrainingResult: ("plot", "save"),
     du.Comparison: ("plot", "save"),
     du.Counterfactual: ("replay",),
@@ -90,6 +90,7 @@ class Here:
 
     folder: Path
     numbers: Any = field(default_factory=itertools.count)
+    graded: Any = None
 
     def place(self, ending: str = "") -> Path:
         """Return a place where nothing is yet."""
@@ -117,6 +118,13 @@ def key(here: Here) -> Path:
 
 def opened(here: Here) -> Path:
     return du.bench_reveal(key(here), out=here.place())
+
+
+def graded(here: Here) -> du.RunResult:
+    if here.graded is None:
+        how = {"policy": "hover", "episodes": 1, "warmup": 0, "events": True}
+        here.graded = du.run("urban_downlink", SHORT | {"users.count": 3}, **how)
+    return here.graded
 
 
 def receipts(here: Here) -> Path:
@@ -197,6 +205,7 @@ OVERRIDES = {
 }
 EPISODES = {"str": "0", "int": 0, "Sequence of int": [0], "NoneType": None}
 WHOLE = {"int": 1, "NoneType": None}
+SEVERAL = {"int": 0, "Sequence of int": [0, 1], "NoneType": None}
 FOLDERS = {"str": lambda here: str(here.saved), "Path": lambda here: here.saved}
 RUNS = FOLDERS | {"InFolders": lambda here: here.one}
 
@@ -254,6 +263,9 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "schedule": FLAG,
     "decide": FLAG,
     "engine": {"str": "batch", "NoneType": None},
+    "run.name": {"str": "a label", "NoneType": None},
+    "train.name": {"str": "a label", "NoneType": None},
+    "counterfactual.name": {"str": "a label", "NoneType": None},
     "out": files(""),
     "run.out": files("") | {"bool": False},
     "train.out": files("") | {"bool": False},
@@ -296,6 +308,10 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "write_replay.episodes": EPISODES,
     "html": files(".html"),
     "run_dir": RUNS,
+    "write_levels.run_dir": {
+        "str": lambda here: str(graded(here).save(here.place())[0]),
+        "Path": lambda here: graded(here).save(here.place())[0],
+    },
     "most_bytes": {"int": 10**6, "NoneType": None},
     "write_report.runs": RUNS | several(RUNS),
     "write_report.out": files(".html"),
@@ -318,6 +334,13 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "compare_runs.out": files(".csv"),
     "minute": {"float": 0.5, "NoneType": None},
     "drone": WHOLE | {"int": 0},
+    "user": SEVERAL,
+    "RunResult.levels.drone": SEVERAL,
+    "RunResult.levels.seed": {"int": 0, "NoneType": None},
+    "every_s": {"float": 30.0, "NoneType": None},
+    "at_s": {"float": 30.0, "Sequence of float": [0.0, 30.0], "NoneType": None},
+    "points": {"int": 5},
+    "write_levels.out": files(".parquet"),
     "window": WHOLE,
     "battery_min": WHOLE,
     "level": WHOLE | {"int": 0},
@@ -394,6 +417,9 @@ WITH: dict[str, dict[str, Any]] = {
     "plot.measure": {"kind": "sweep", "runs": lambda here: here.swept},
     "plot.key": {"kind": "sweep", "runs": steps},
     "Done.plot.key": {"self": steps},
+    "RunResult.levels": {"self": graded},
+    "RunResult.map": {"minute": 1.0, "points": 3},
+    "write_levels": {"run_dir": lambda here: graded(here).save(here.place())[0]},
     "RunResult.film": {"fps": 1, "speed": 3600, "width": 160},
     "RunResult.film.file": {},
     "find_optimum": {"scenario": "tiny"},

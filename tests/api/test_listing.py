@@ -11,6 +11,7 @@ import pytest
 import desim_uav as du
 from desim_uav import cli
 from desim_uav.errors import UsageError
+from desim_uav.run_folder import folder_name
 
 SMALL: dict[str, Any] = {"users.count": 6, "episode.steps": 4}
 
@@ -81,8 +82,8 @@ def test_no_folder():
         du.list_runs("nowhere")
 
 
-def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr("sys.argv", ["desim-uav", "ls", *arguments])
+def command(monkeypatch: pytest.MonkeyPatch, *arguments: str, of: str = "ls") -> int:
+    monkeypatch.setattr("sys.argv", ["desim-uav", of, *arguments])
     with pytest.raises(SystemExit) as end:
         cli.main()
     return int(end.value.code or 0)
@@ -102,3 +103,59 @@ def test_the_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixt
     assert command(monkeypatch, "empty") == 0
     assert "empty: no run or training is there" in capsys.readouterr().err
     assert command(monkeypatch, "nowhere") == 2
+
+
+def test_a_folder_says_what_was_set_and_is_never_overwritten():
+    how: dict[str, Any] = {"engine": "des", "progress": False, "out": True}
+    keys = {"users.count": 6, "episode.steps": 4, "drones.battery": None}
+    first = du.run("case8", keys, policy="hover", seed=3, **how)
+    again = du.run("case8", dict(reversed(keys.items())), policy="hover", seed=3, **how)
+    name = "case8-hover-s3-drones.battery=null-episode.steps=4-users.count=6"
+    assert [run.folders for run in (first, again)] == [
+        [Path(f"runs/{name}")],
+        [Path(f"runs/{name}-2")],
+    ]
+
+
+def test_the_name_of_a_folder_is_short_and_safe():
+    scenario = du.load("case8", {"seed": 3})
+    names = [
+        folder_name(scenario, "hover", ["seed=3", "users.count=2", "users.count=6"]),
+        folder_name(scenario, "hover", ["map.size_m=[24, 10]", "demand.file=a/../b.csv"]),
+        *(folder_name(scenario, "hover", [f"reward={'x' * 300}{k}"]) for k in (1, 2)),
+    ]
+    assert names[:2] == [
+        "case8-hover-s3-users.count=6",
+        "case8-hover-s3-demand.file=a-..-b.csv-map.size_m=-24-10",
+    ]
+    assert all(len(name) <= 75 for name in names)
+    assert len({*names}) == 4
+
+
+def test_a_longer_training_goes_on_in_its_folder():
+    how: dict[str, Any] = {"out": True, "progress": False, "resume": True}
+    for episodes in (2, 3):
+        learned = du.train("case1", {"episode.steps": 4}, episodes=episodes, **how)
+        assert learned.folder == Path("runs/case1-q_learning-s0-episode.steps=4")
+    assert learned.episodes == 3
+
+
+def test_a_label_is_in_the_manifest_the_list_and_the_pages():
+    how: dict[str, Any] = {"engine": "des", "progress": False, "out": True, "events": True}
+    run = du.run("case8", SMALL, policy="hover", name="<b>first</b> try", **how)
+    assert run.manifests[0]["name"] == "<b>first</b> try"
+    assert "first" in repr(run)
+    du.train("case1", {"episode.steps": 4}, episodes=2, name="second", out=True, progress=False)
+    assert du.list_runs()["name"].tolist() == ["<b>first</b> try", "second"]
+    run.report("report.html")
+    report = Path("report.html").read_text(encoding="utf-8")
+    assert "&lt;b&gt;first&lt;/b&gt; try" in report and "<b>first" not in report
+    run.replay("replay.html")
+    assert "<b>first" not in Path("replay.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["", " ", "two\nlines", "x" * 201], ids=repr)
+def test_a_label_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch):
+    with pytest.raises(UsageError, match=r"name: .*must be one line of 1 to 200 characters"):
+        du.run("tiny", name=name)
+    assert command(monkeypatch, "tiny", "--name", name, of="run") == 2

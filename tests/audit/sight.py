@@ -128,16 +128,53 @@ def _clear(
 ) -> list[bool]:
     """Return whether a user sees a transmitter: one answer, or both where it is not certain."""
     if radio.line_of_sight == "buildings":
+        city = world.grid.city
+        if len(city):
+            own = zip(city.pieces_m, city.roofs_m.tolist(), strict=True)
+            return _answers(max(_cut_piece_m(piece, roof, ends) for piece, roof in own))
         height_m = world.grid.height_m
         built = [(cell, float(height_m[cell])) for cell in np.ndindex(height_m.shape)]
         cuts = [_cut_m(world, cell, roof, ends) for cell, roof in built if roof > 0.0]
-        deepest_m = max(cuts, default=-math.inf)
-        return [deepest_m <= 0.0] if abs(deepest_m) > TOUCH_M else [False, True]
+        return _answers(max(cuts, default=-math.inf))
     (ux, uy, uz), (x, y, z) = ends
     elevation = math.degrees(math.atan2(z - uz, math.hypot(x - ux, y - uy)))
     turn = max(1e-5, math.degrees(TOUCH_M / max(math.dist(*ends), TOUCH_M)))
     answers = [uniform < radio.path_loss.p_los(elevation + by) for by in (-turn, turn)]
     return list(dict.fromkeys(answers))
+
+
+def _answers(deepest_m: float) -> list[bool]:
+    """Return whether a line is clear that could be moved by so much until it is: one answer or two.
+
+    Below 0 it is clear.
+    """
+    return [deepest_m <= 0.0] if abs(deepest_m) > TOUCH_M else [False, True]
+
+
+def _cut_piece_m(
+    piece: NDArray[np.float64], roof_m: float, ends: tuple[Position, Position]
+) -> float:
+    """Return the same as ``_cut_m`` of a convex piece of a building, by its walls."""
+    walls = np.roll(piece, -1, axis=0) - piece
+    inwards = np.column_stack([-walls[:, 1], walls[:, 0]]) / np.hypot(*walls.T)[:, None]
+    depths = [[*((np.array(end[:2]) - piece) * inwards).sum(axis=1), roof_m - end[2]]
+              for end in ends]  # fmt: skip
+
+    def cuts(by_m: float) -> bool:
+        since, until = 0.0, 1.0
+        for near, far in zip(*depths, strict=True):
+            one, other = near - by_m, far - by_m
+            if one <= 0.0 and other <= 0.0:
+                return False
+            if one < 0.0:
+                since = max(since, one / (one - other))
+            elif other < 0.0:
+                until = min(until, one / (one - other))
+        return since < until
+
+    if not cuts(-TOUCH_M):
+        return -math.inf
+    return math.inf if cuts(TOUCH_M) else 0.0
 
 
 def _cut_m(

@@ -1,14 +1,17 @@
 """The replay in a browser: it shows what the engine has simulated, whole and at any time."""
 
+import base64
 import json
 import random
 import re
 import shutil
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
@@ -29,6 +32,7 @@ from tests.run_to_folder import run_to_folder
 pytestmark = pytest.mark.thorough
 
 EPISODES = 3
+PNG = "data:image/png;base64,"
 RADIO, ASKED, FREELY, MIXED = (
     str(Path(__file__).parents[1] / "report" / f"{name}.yaml")
     for name in ("radio", "asked", "freely", "mixed")
@@ -239,6 +243,9 @@ class TestAgainstTheEngine:
             for measure in ("qoe1_percent", "qoe2_iterations", "qoe3_percent", "reward"):
                 assert seen[measure] == pytest.approx(row[measure], rel=1e-9, abs=1e-9)
             assert (seen["requests"], seen["crashes"]) == (row["requests"], row["crashes"])
+            if "link_handovers" in row:
+                assert seen["handovers"] == row["link_handovers"]
+                assert seen["outages"] == row["outages"]
 
     @pytest.mark.parametrize("name", ["case8", "queueing"])
     def test_between_step_ends_drones_are_where_their_legs_say(self, page, runs, name):
@@ -878,6 +885,25 @@ class TestKeyboard:
         assert page.state()["playing"] and page.state()["t_s"] > 0
         page.key(" ")
         assert not page.state()["playing"]
+
+    def test_a_picture_is_saved(self, page, runs, pair):
+        """The maps and the charts as a PNG, with a name that says what it is."""
+        for where, maps in ((page_of(runs / "case8"), 1), (pair, 2)):
+            page.open(where, "#t=600")
+            page.run("HTMLAnchorElement.prototype.click = function () { window.kept = this; }")
+            page.key("e")
+            name, address = page.run("return [window.kept.download, window.kept.href]")
+            assert name == "case8-0-600s.png"
+            assert address == page.run("return replay.picture()")
+            canvases = "[...document.querySelectorAll('#maps canvas')]"
+            sizes = page.run(f"return {canvases}.map(map => [map.width, map.height])")
+            image = Image.open(BytesIO(base64.b64decode(address.removeprefix(PNG)))).convert("RGB")
+            assert len(sizes) == maps and image.width == sum(width for width, _ in sizes)
+            assert image.height > sizes[0][1]
+            for k in range(maps):
+                left = sum(width for width, _ in sizes[:k])
+                part = image.crop((left, 30, left + sizes[k][0], sizes[k][1]))
+                assert len(part.getcolors(10**6)) > 20, "a map is drawn"
 
     def test_help_by_key(self, page, runs):
         from selenium.webdriver import Keys

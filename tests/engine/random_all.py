@@ -6,6 +6,8 @@ not drawn together, so most scenarios are accepted at once.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from desim_uav.world import World
@@ -54,6 +56,23 @@ THIRSTY = f"{random_parts.__name__}:Thirsty"
 CIRCLING = {"kind": f"{random_parts.__name__}:Circling"}
 
 
+STREETS = Path(__file__).with_name("streets.net.xml")
+
+
+def _streets(size_m: Sequence[float], dice: Dice) -> dict[str, Any]:
+    """Streets that begin off the map, cut off at its edge."""
+    return {
+        "kind": "streets",
+        "file": str(STREETS),
+        "by": dice.of("walking", "driving"),
+        "speed_mps": dice.of([0.5, 2], [3, 14]),
+        "pause_s": dice.of([0, 0], [0, 40]),
+        "start": dice.of("stationary", "stationary", "home"),
+        "offset_m": dice.of([-60, -70], [-333, -41]),
+        "cut_at_m": list(size_m),
+    }
+
+
 def scenario(seed: int, mixed: bool = False) -> dict[str, Any]:
     """A random scenario; ``mixed``: some types of drones fly freely and others by cells."""
     made, dice = random_radio.scenario(seed), Dice(seed + 500_000)
@@ -68,6 +87,8 @@ def scenario(seed: int, mixed: bool = False) -> dict[str, Any]:
     made["drones"] = _mixed_types(made, own, dice) if mixed else _types(made, own, dice)
     made["stations"] = _stations(made["drones"], dice)
     made["users"]["mobility"] = dice.of(*WALKS)
+    if seed % 10_000 >= 100 and Dice(seed + 1_700_000).of(True, *[False] * 8):
+        made["users"]["mobility"] = _streets(made["map"]["size_m"], Dice(seed + 1_800_000))
     offered = made["services"]
     volumes = any(each["kind"] == "transfer" for each in offered.values())
     made["demand"] = dict(dice.of(*[each for each in DEMANDS if not volumes or each != CONTINUOUS]))

@@ -22,7 +22,7 @@ from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
 
-BYTES = 24_480
+BYTES = 24_496
 """What the state of an environment of case 8 takes: a field more in its rows has to be worth it."""
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from desim_uav.errors import SimulationError
-from desim_uav.experiment.processes import run_each
+from desim_uav.experiment.processes import run_each, run_script
 from tests.selection import by_default
 
 ROOT = Path(__file__).parents[2]
@@ -190,3 +190,35 @@ def until(condition):
     while not condition():
         assert time.monotonic() < begun + 60
         time.sleep(0.05)
+
+
+ENDLESS = """
+import os, sys, time
+from pathlib import Path
+Path(sys.argv[1]).write_text(str(os.getpid()))
+time.sleep(600)
+"""
+
+
+def test_a_script_gives_its_code_and_what_it_says(tmp_path):
+    script = tmp_path / "script.py"
+    text = "import sys, beside\nprint(1)\nprint(sys.argv[1:], file=sys.stderr)\nsys.exit(3)\n"
+    script.write_text(text, encoding="utf-8")
+    (tmp_path / "beside.py").write_text("", encoding="utf-8")
+    assert run_script([str(script), "a", "b"]) == (3, "['a', 'b']\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_script_ends_with_the_process_that_runs_it(number, tmp_path):
+    """However that one ends: as little as SIGKILL does SIGTERM let Python clean up."""
+    script, started = tmp_path / "endless.py", tmp_path / "started"
+    script.write_text(ENDLESS, encoding="utf-8")
+    program = (
+        "import sys; from desim_uav.experiment import processes as p; p.run_script(sys.argv[1:])"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", program, str(script), str(started)], cwd=ROOT)
+    child = pid_in(started)
+    assert is_alive(child)
+    parent.send_signal(number)
+    parent.wait(60)
+    until(lambda: not is_alive(child))

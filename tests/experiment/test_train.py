@@ -17,7 +17,7 @@ from desim_uav import array_file
 from desim_uav.checksums import verify
 from desim_uav.cli import app
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
-from desim_uav.experiment.train.course import train
+from desim_uav.experiment.train.course import Asked, train
 from desim_uav.experiment.train.folder import train_to_folder
 from desim_uav.learning.checkpoint import FORMAT
 from desim_uav.model.observations import Feature
@@ -49,7 +49,7 @@ def small(**changes: Any) -> Scenario:
 
 
 def trained(out: Path, scenario: Scenario | None = None, resume: bool = False, **options: Any):
-    settings = {"checkpoint_every": 10, "command": ["desim-uav", "train"], **options}
+    settings = {"checkpoint_every": 10, "asked": Asked(["desim-uav", "train"]), **options}
     return train_to_folder(scenario or small(), out=out, resume=resume, **settings)
 
 
@@ -200,7 +200,7 @@ scenario, out, kills = load(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
 random.seed(1)
 
 def train(resume):
-    train_to_folder(scenario, out=out, resume=resume, checkpoint_every=7, command=[])
+    train_to_folder(scenario, out=out, resume=resume, checkpoint_every=7)
 
 killed = 0
 for attempt in range(100 * kills):
@@ -251,7 +251,7 @@ def stop(rows):
         os.kill(os.getpid(), signal.SIGINT)
 
 done = train_to_folder(load(sys.argv[1]), out=Path(sys.argv[2]), resume=False,
-                       checkpoint_every=1000, command=[], on_episode=stop)
+                       checkpoint_every=1000, on_episode=stop)
 print(done.interrupted, done.summary()["episodes"])
 """
     (tmp_path / "small.yaml").write_text(json.dumps({**SMALL, "learning": {"episodes": 1500}}))

@@ -2,6 +2,8 @@
 
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,14 +15,16 @@ import pytest
 import desim_uav as du
 from desim_uav import array_file
 from desim_uav.errors import PolicyError
+from desim_uav.experiment.bench.tasks import find_task
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import parts
-from desim_uav.policies.mlp import Mlp, MlpFile, description_of, scaling_of
-from desim_uav.scenario.load import from_mapping, loads
+from desim_uav.policies.mlp import Mlp, MlpFile, component_of, description_of, scaling_of
+from desim_uav.registry import names, resolve
+from desim_uav.scenario.load import from_mapping, load, loads, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_table, trained_names
-from desim_uav.world import build_world
+from desim_uav.world import World, build_world
 from tests.command_line import runner
 
 SMALL: dict[str, Any] = {
@@ -44,7 +48,11 @@ def small(**changes: Any) -> Scenario:
 
 def network(own: bool = False, seed: int = 0, **changes: Any) -> Mlp:
     """A network with weights that were drawn, for what drones see in the small scenario."""
-    world = build_world(small(**{"observation": RADAR, **changes}), 0)
+    return network_in(build_world(small(**{"observation": RADAR, **changes}), 0), own, seed)
+
+
+def network_in(world: World, own: bool = False, seed: int = 0) -> Mlp:
+    """A network with weights that were drawn, for what drones see in a world."""
     about = description_of(world, own) | {"training": {}}
     rng = np.random.default_rng(seed)
     sizes = [len(about["features"]), 5, 4, len(about["actions"])]
@@ -276,6 +284,36 @@ def test_what_is_refused(damage: Callable[[Path], None], message: str, file: Pat
         policy = load_policy(f"mlp:{file}")
         policy.begin(build_world(small(observation=RADAR), 0), Streams(0, Purpose.LEARNER))
     assert str(file) in str(problem.value) and "\n" not in str(problem.value)
+
+
+SETTINGS = [
+    (kind, one.name)
+    for kind in names("observation")
+    for one in fields(resolve("observation", kind))
+]
+
+
+@pytest.mark.parametrize(("kind", "setting"), SETTINGS)
+def test_each_setting_of_an_observation_is_read_again(kind: str, setting: str, file: Path):
+    """Also those that only some scenarios allow, such as loads of stores, which need sensors."""
+    default = getattr(resolve("observation", kind)(), setting)
+    for other in (not default,) if isinstance(default, bool) else (default + 1, default + 2):
+        observation = {"kind": kind, setting: other}
+        with_about(observation=observation)(file)
+        with suppress(PolicyError):  # the next number may be allowed: fields of view are odd
+            assert getattr(MlpFile(file).observation, setting) == other
+            return
+    pytest.fail(f"no other value of {setting} can be read")
+
+
+def test_a_network_that_sees_its_store_flies(file: Path):
+    task = load(find_task("uav-v1/harvest/small").path)
+    seen = {"kind": "position", "load_mbit": 6}
+    scenario = task.model_copy(update={"observation": component_of(seen)})
+    file.write_bytes(network_in(build_world(scenario, 0)).to_bytes())
+    assert to_plain(du.run(task, policy=file, episodes=1, progress=False).scenario)[
+        "observation"
+    ] == {**seen, "load_levels": 3}
 
 
 def test_a_name_is_enough(file: Path, tmp_path: Path):

@@ -31,7 +31,6 @@ def make_training(folder, scenario, overrides=()):
         out=folder,
         resume=False,
         checkpoint_every=10**6,
-        command=[],
     )
     return folder
 

@@ -128,7 +128,7 @@ def test_all_scenarios_are_shipped() -> None:
     assert shipped.scenario_names() == [
         *(f"case{k}" for k in range(1, 10)),
         *("charging_age", "delivery_watch", "edge", "festival", "harvest", "interference"),
-        *("street_canyon", "tiny", "urban_downlink"),
+        *("old_town", "street_canyon", "tiny", "urban_downlink"),
     ]
 
 

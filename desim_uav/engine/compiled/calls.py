@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP
 from desim_uav.engine.compiled import loop
+from desim_uav.engine.compiled.fetching import begin_fetching, end_fetching
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.scratch import use_scratch, words_at
 from desim_uav.model.decisions import discount_of
 from desim_uav.model.geometry.coverage import leg_at, walked
-from desim_uav.rowcode.compiled_registers import prefetch
 from desim_uav.rowcode.compiled_rows import (
     address_of,
     call,
@@ -157,10 +157,6 @@ NUMBERS = COUNTED + len(OF_STEP)
 before the mean terms."""
 
 
-CACHE_LINE = 64
-"""The bytes that most processors fetch at once."""
-
-
 class OutputRow(NamedTuple):
     """The outputs of an environment at a decision epoch, in arrays that a kernel writes.
 
@@ -189,28 +185,32 @@ def step_all(
     ``environments`` has the shape (n, ADDRESSES) and ``commands`` (n, drones). If a command is not
     the index of an action, no environment is stepped, and the number is -1. ``scratch`` is as in
     ``run``. While an environment is stepped, the first ``fetched`` bytes of the state of the next
-    one are fetched, which is worth its time if all states do not fit in the processor's caches.
+    one are fetched (see ``fetching``), which is worth its time if all states do not fit in the
+    processor's caches; each is then also looked at while it is there.
     """
     for k in range(len(environments)):
         actions = len(constants_at(environments[k, 0]).moves)
         for d in range(commands.shape[1]):
             if not 0 <= commands[k, d] < actions:
                 return -1
+    stopped, last = 0, len(environments) - 1
     for k in range(len(environments)):
         if which[k]:
-            if k + 1 < len(environments):
-                for line in range(0, fetched, CACHE_LINE):
-                    prefetch(environments[k + 1, 2] + line)
-            row = environments[k]
+            row, following = environments[k], environments[min(k + 1, last)]
             world, own = constants_at(row[0]), state_at(row[2])
             use_scratch(own, scratch)
             for d in range(commands.shape[1]):
                 own.drones[d].command = commands[k, d]
+            if fetched > 0:
+                begin_fetching(own, following[1], following[2], fetched)
             over = bytes_at(row[OVER], 3)
             over[2] = True  # in case that a component of one's own fails
             call(world.run, (world, path_at(row[1]), own, STEP))
             over[2] = False
-    return look_at_all(environments, which)
+            if fetched > 0:
+                end_fetching(own)
+                stopped += _look_at_row(row)
+    return stopped if fetched > 0 else look_at_all(environments, which)
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from desim_uav.engine.compiled.fetching import fetch
 from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.geometry.coverage import LEG, leg_near, walked
 from desim_uav.rowcode.kernels import apart, kernel, rare_rule, rule, stands_in_for
@@ -130,6 +131,8 @@ def _run_before(world: Constants, path: Path, state: State, end_key: int) -> Non
     slot = next_slot(state)
     while is_before(state, slot, state.next_us, end_key):
         state.now_us = state.slot_times[slot]
+        if state.fetch_at < state.fetch_end:
+            fetch(state)
         _happen(world, path, state, slot)
         slot = next_slot(state)
     state.now_us = state.next_us

@@ -19,6 +19,7 @@ from desim_uav.experiment.gallery import (
     tr_36777,
     wu_2018,
     zeng,
+    zhang_2017,
 )
 from desim_uav.experiment.gallery.row import GalleryRow
 from desim_uav.experiment.progress import progress
@@ -99,6 +100,13 @@ ENTRIES = {
         "Wu, Zeng, Zhang: Joint trajectory and communication design for multi-UAV enabled wireless "
         "networks. IEEE Transactions on Wireless Communications 17(3), 2018",
         wu_2018.rows,
+        wu_2018.draw,
+    ),
+    "zhang_2017": Entry(
+        "Zhang, Zeng, Zhang: Cellular-enabled UAV communication: trajectory optimization under "
+        "connectivity constraint. IEEE ICC 2018, arXiv 1710.11619",
+        zhang_2017.rows,
+        zhang_2017.draw,
     ),
 }
 """The papers, by the names that the command takes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from desim_uav.experiment.gallery import fly_hover
 from desim_uav.experiment.gallery.row import GalleryRow, evaluated
 from desim_uav.model.energy.fixed_wing import FixedWing
 from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, best_speeds, power_w, powers_of
@@ -40,6 +41,7 @@ def rows() -> Iterator[GalleryRow]:
     yield evaluated("half an hour of hovering, Wh", APART, 84.242, half_hour, 3)
     took = battery.drains(hop, hop.duration_us) / 1e6
     yield evaluated("240 m at 8.3 m/s and 4 m/s², J", "the same, by quadrature", 4061.566, took, 3)
+    yield from fly_hover.rows()
 
 
 def wing_rows() -> Iterator[GalleryRow]:

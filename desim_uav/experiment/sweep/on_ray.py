@@ -20,6 +20,7 @@ from typing import Any
 
 from desim_uav.available import processors
 from desim_uav.errors import MissingExtraError, UsageError
+from desim_uav.experiment.processes import ENDS_WITH_STDIN
 
 RETRIES = 3
 AT_A_TIME = 1000
@@ -28,11 +29,14 @@ AT_A_TIME = 1000
 CONNECT_S, ANSWER_S = 5.0, 20.0
 """Time limits in seconds: for connecting to a machine, and for joining its cluster."""
 
-JOIN = """
-import sys, ray
+JOIN = (
+    ENDS_WITH_STDIN
+    + """
+import ray
 print("imported", flush=True)
 ray.init(sys.argv[1], log_to_driver=False, logging_level="ERROR")
 """
+)
 
 
 @contextmanager
@@ -96,7 +100,10 @@ def _require_cluster(address: str) -> None:
     except OSError as error:
         raise UsageError(f"{complaint}: {error.strerror or error}") from error
     with subprocess.Popen(
-        [sys.executable, "-c", JOIN, address], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        [sys.executable, "-c", JOIN, address],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
     ) as joining:
         try:
             assert joining.stdout is not None

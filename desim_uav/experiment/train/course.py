@@ -6,7 +6,7 @@ import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -32,6 +32,17 @@ LAST = 100
 OnEpisode = Callable[[list[Progress]], None]
 
 
+class Asked(NamedTuple):
+    """How a training was asked for: the command, the keys that were set, and its label."""
+
+    command: Sequence[str] = ()
+    overrides: Sequence[str] = ()
+    name: str | None = None
+
+
+NOT_SAID: Asked = Asked()
+
+
 @dataclass
 class TrainingCourse:
     """A training and its rows so far, one per drone and episode; ``folder`` is where it is kept.
@@ -41,7 +52,7 @@ class TrainingCourse:
     """
 
     training: Training
-    command: Sequence[str] = ()
+    asked: Asked = NOT_SAID
     rows: list[Progress] = field(default_factory=list)
     folder: Path | None = None
     first: int = 0
@@ -66,6 +77,7 @@ class TrainingCourse:
         folder = self.folder
         where = {} if folder is None else {"folder": str(folder), "policy": str(folder / POLICY)}
         return {
+            **({"name": self.asked.name} if self.asked.name else {}),
             "scenario": training.world.scenario.name,
             "algorithm": training.settings.algorithm,
             "seed": training.seed,
@@ -115,23 +127,23 @@ def train(scenario: Scenario, engine: str = "auto") -> tuple[QTable, list[Progre
 def train_in_memory(
     scenario: Scenario,
     *,
-    command: Sequence[str],
+    asked: Asked,
     engine: str,
     pauses: Sequence[TrainingPause],
     on_episode: OnEpisode,
 ) -> TrainingCourse:
     """Train and write nothing. Ctrl-C ends the training after the current episodes."""
-    course = begin(scenario, engine, command)
+    course = begin(scenario, engine, asked)
     with asked_to_stop("these episodes") as stop:
         learn(course, pauses, on_episode, stop)
     return course
 
 
-def begin(scenario: Scenario, engine: str = "auto", command: Sequence[str] = ()) -> TrainingCourse:
+def begin(scenario: Scenario, engine: str = "auto", asked: Asked = NOT_SAID) -> TrainingCourse:
     """Begin a training; ``engine`` is auto (that of ``engine_for``), des or batch."""
     world = at_once(build_world, scenario, scenario.effective_world_seed)
     kind = engine_for(world) if engine == "auto" else engine
-    return TrainingCourse(Training(world, scenario.seed, kind), command)
+    return TrainingCourse(Training(world, scenario.seed, kind), asked)
 
 
 def learn(

@@ -15,7 +15,9 @@ from desim_uav.errors import PolicyError, UsageError, notice
 from desim_uav.experiment.interrupt import asked_to_stop
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.train.course import (
+    NOT_SAID,
     POLICY,
+    Asked,
     OnEpisode,
     TrainingCourse,
     TrainingPause,
@@ -28,8 +30,8 @@ from desim_uav.learning.training import Training
 from desim_uav.lock import held
 from desim_uav.parquet_file import parquet
 from desim_uav.records import TRAINING
-from desim_uav.run_folder import RunPlace, world_content
-from desim_uav.scenario.load import dump, scenario_hash
+from desim_uav.run_folder import RunPlace, folder_name, world_content
+from desim_uav.scenario.load import files_of, scenario_hash
 from desim_uav.scenario.schema import Scenario
 
 CHECKPOINT, BEFORE = "checkpoint.npz", "checkpoint-before.npz"
@@ -43,7 +45,7 @@ def train_to_folder(
     out: Path | None,
     resume: bool,
     checkpoint_every: int,
-    command: Sequence[str],
+    asked: Asked = NOT_SAID,
     engine: str = "auto",
     pauses: Sequence[TrainingPause] = (),
     on_start: Callable[[int], None] = lambda episode: None,
@@ -55,14 +57,16 @@ def train_to_folder(
     the current episode (with compiled code, after a few) and writes a checkpoint. Raises UsageError
     if the folder cannot be used, and PolicyError if its checkpoint cannot.
     """
-    course = begin(scenario, engine, command)
-    folder = _resumable(scenario, out) if resume else _not_begun(scenario, out)
+    course = begin(scenario, engine, asked)
+    name = _name(course)
+    folder = _resumable(scenario, out, name) if resume else _not_begun(out, name)
     with held(folder), asked_to_stop("these episodes") as stop:
         _resume(course, folder / CHECKPOINT)
         if not (folder / CHECKPOINT).exists():
             _save(course, folder)  # first of all, as only a folder with a checkpoint is resumed
         if not (folder / MANIFEST).exists():  # a finished training stays intact until the end
-            write_whole(folder / "scenario.yaml", dump(scenario).encode())
+            for name, content in files_of(scenario).items():
+                write_whole(folder / name, content)
         on_start(course.first)
         saving = TrainingPause(checkpoint_every, lambda course: _save(course, folder))
         learn(course, [saving, *pauses], on_episode, stop)
@@ -75,20 +79,21 @@ def train_to_folder(
 
 def save_training(course: TrainingCourse, out: Path | None) -> Path:
     """Write the folder of a training that is in memory. Raises UsageError if it cannot."""
-    folder = _new(course.training.world.scenario, out)
+    folder = _new(out, _name(course))
     with held(folder):
         _save(course, folder)
         _finish(course, folder)
     return folder
 
 
-def _place(scenario: Scenario, out: Path | None) -> RunPlace:
-    return RunPlace(out, f"{scenario.name}-{scenario.learning.algorithm}-s{scenario.seed}")
+def _name(course: TrainingCourse) -> str:
+    scenario = course.training.world.scenario
+    return folder_name(scenario, scenario.learning.algorithm, course.asked.overrides)
 
 
-def _new(scenario: Scenario, out: Path | None) -> Path:
+def _new(out: Path | None, name: str) -> Path:
     """Return a new folder, or ``out`` if it is empty. Raises UsageError if it cannot be made."""
-    folder = _place(scenario, out).vacant()
+    folder = RunPlace(out, name).vacant()
     try:
         folder.mkdir(parents=True, exist_ok=out is not None)
     except OSError as error:
@@ -96,7 +101,7 @@ def _new(scenario: Scenario, out: Path | None) -> Path:
     return folder
 
 
-def _not_begun(scenario: Scenario, out: Path | None) -> Path:
+def _not_begun(out: Path | None, name: str) -> Path:
     """Return a new folder. Raises UsageError, with a hint at ``--resume`` for a training."""
     with suppress(OSError):  # of what cannot be read, ``_new`` says more
         if out is not None and _is_begun(out):
@@ -104,10 +109,10 @@ def _not_begun(scenario: Scenario, out: Path | None) -> Path:
                 f"--out {out}: the folder is not empty: it holds a training; continue it with "
                 "--resume, or name another folder"
             )
-    return _new(scenario, out)
+    return _new(out, name)
 
 
-def _resumable(scenario: Scenario, out: Path | None) -> Path:
+def _resumable(scenario: Scenario, out: Path | None, name: str) -> Path:
     """Return the folder of this training, or a new one if there is none.
 
     Without ``out`` it is the last folder of its name that holds this training; unfinished
@@ -116,12 +121,13 @@ def _resumable(scenario: Scenario, out: Path | None) -> Path:
     if out is not None:
         if _is_begun(out):
             return out
-        folder = _new(scenario, out)
-        notice(f"--resume: {out} holds no training, so there is nothing to resume: it begins anew")
+        folder = _new(out, name)
+        nothing = "holds no training, so there is nothing to resume: it begins anew"
+        notice(f"--resume: {out} {nothing}")
         return folder
-    mine = [folder for folder in _place(scenario, None).taken() if _is_of(scenario, folder)]
+    mine = [folder for folder in RunPlace(None, name).taken() if _is_of(scenario, folder)]
     mine.sort(key=lambda folder: not (folder / MANIFEST).exists())
-    return mine[-1] if mine else _new(scenario, None)
+    return mine[-1] if mine else _new(None, name)
 
 
 def _is_begun(folder: Path) -> bool:
@@ -207,15 +213,18 @@ def _finish(course: TrainingCourse, folder: Path) -> None:
     manifest = {key: table.about[key] for key in PROVENANCE} | {
         "kind": "training",
         "resumed_at": course.first,
-        "command": list(course.command),
+        "command": list(course.asked.command),
+        "overrides": list(course.asked.overrides),
         "started": course.started,
         "finished": course.finished,
         "versions": versions(),
     }
+    if course.asked.name:
+        manifest["name"] = course.asked.name
     if course.stopped:
         manifest["stopped"] = True
     files = {
-        "scenario.yaml": dump(training.world.scenario).encode(),
+        **files_of(training.world.scenario),
         "world.json": json.dumps(world_content(training.world)).encode(),
         "training.parquet": parquet("training", to_frame(TRAINING, course.rows)),
         POLICY: table.to_bytes(),

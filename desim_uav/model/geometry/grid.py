@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
+from desim_uav.model.geometry.city import NO_CITY, City
 from desim_uav.rowcode.kernels import rule
 
 Cell = tuple[int, int]
@@ -20,7 +21,9 @@ class Grid(Unchanging):
 
     ``height_m``: (nx, ny). ``levels_m``: the altitudes, ascending, of which the first
     ``levels_under_ceiling`` are not above the tallest building. A drone without a ceiling may also
-    need one level above all buildings; if so, it is the last.
+    need one level above all buildings; if so, it is the last. In a ``city``, buildings are not
+    cells, and ``height_m`` is up to where each cell is blocked for drones that fly from cell to
+    cell.
     """
 
     width_m: float
@@ -29,12 +32,28 @@ class Grid(Unchanging):
     levels_m: tuple[float, ...]
     level_step_m: float
     levels_under_ceiling: int
+    city: City = NO_CITY
 
     @property
     def cells(self) -> Cell:
         """The number of cells along x and y."""
         nx, ny = self.height_m.shape
         return nx, ny
+
+    @property
+    def buildings(self) -> str:
+        """How many buildings there are, and how tall they are, in words."""
+        built = self.height_m[self.height_m > 0.0]
+        cells = f"in {len(built)} of {self.height_m.size} cells"
+        if len(self.city):
+            tallest = f"up to {self.city.tallest_m:.1f} m tall"
+            return f"{len(self.city)} convex pieces, {tallest}; {cells} blocked"
+        return f"{cells}, {built.min():.1f} to {built.max():.1f} m tall" if len(built) else "none"
+
+    @property
+    def tallest_m(self) -> float:
+        """The height of the tallest building in metres; 0 without any."""
+        return max(float(self.height_m.max(initial=0.0)), self.city.tallest_m)
 
     @cached_property
     def cell_m(self) -> tuple[float, float]:
@@ -78,6 +97,12 @@ class Grid(Unchanging):
         """Return the cell that holds a point; a point off the map belongs to the nearest cell."""
         (nx, ny), (dx, dy) = self.cells, self.cell_m
         return cell_index(x_m, dx, nx), cell_index(y_m, dy, ny)
+
+    def roof_at(self, x_m: float, y_m: float) -> float:
+        """Return the height of the building at a place, in metres; 0 without any."""
+        if len(self.city):
+            return self.city.roof_at(x_m, y_m)
+        return float(self.height_m[self.cell_of(x_m, y_m)])
 
     def level_of(self, z_m: float) -> int:
         """Return the level nearest to an altitude."""

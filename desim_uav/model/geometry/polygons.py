@@ -60,19 +60,27 @@ def convex_parts(polygon: Polygon) -> list[Polygon]:
     that makes a convex part (Hertel and Mehlhorn, 1983): there are at most four times as many as
     are needed.
     """
-    parts = _triangles(polygon)
+    return joined(polygon, _triangles(polygon))
+
+
+def joined(corners: Polygon, parts: list[list[int]]) -> list[Polygon]:
+    """Return convex parts, given by the numbers of their corners, with neighbours joined.
+
+    Two parts with a common edge are joined where that makes a convex part.
+    """
+    parts = list(parts)
     apart: set[tuple[tuple[int, ...], tuple[int, ...]]] = set()
     while True:
         for one, other in _neighbours(parts):
             both = tuple(parts[one]), tuple(parts[other])
-            ring = None if both in apart else _joined(polygon, parts[one], parts[other])
+            ring = None if both in apart else _joined(corners, parts[one], parts[other])
             if ring is not None:
                 parts[one] = ring
                 del parts[other]
                 break
             apart.add(both)
         else:
-            return [polygon[part] for part in parts]
+            return [corners[part] for part in parts]
 
 
 def _neighbours(parts: list[list[int]]) -> list[tuple[int, int]]:

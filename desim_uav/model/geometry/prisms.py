@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.geometry.city import NO_CITY, City
 from desim_uav.model.geometry.coverage import bucket_of
 from desim_uav.model.geometry.polygons import Polygon, checked, convex_parts, grown
 from desim_uav.model.radio.buildings import bucketed
@@ -69,8 +70,9 @@ def obstacles(
     cell_m: tuple[float, float],
     zones: Sequence[Zone],
     margin_m: float,
+    city: City = NO_CITY,
 ) -> Prisms:
-    """Return the grown obstacles of a map: its built cells (nx, ny), and zones.
+    """Return the grown obstacles of a map: its built cells (nx, ny) or its city, and zones.
 
     Raises ValueError for a margin or a zone that is not allowed (``polygons.checked``).
     """
@@ -81,7 +83,10 @@ def obstacles(
         )
     footprints: list[Polygon] = []
     heights: list[tuple[float, float]] = []
-    for x0, y0, x1, y1, roof in _rectangles(height_m):
+    for piece, roof in zip(city.pieces_m, city.roofs_m.tolist(), strict=True):
+        footprints.append(grown(piece, margin_m))
+        heights.append((-np.inf, roof + margin_m))
+    for x0, y0, x1, y1, roof in () if len(city) else _rectangles(height_m):
         corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) * np.array(cell_m)
         footprints.append(grown(corners, margin_m))
         heights.append((-np.inf, roof + margin_m))

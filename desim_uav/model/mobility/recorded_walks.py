@@ -1,4 +1,4 @@
-"""Recorded walks, from a CSV file or from what the traffic simulator SUMO writes."""
+"""Recorded walks, from a CSV file or from what the simulators SUMO and ns-2 read or write."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.geometry.extents import Extent, are_angles, extent_of, like_degrees
+from desim_uav.model.mobility.ns2 import looks_like_ns2, read_ns2
 from desim_uav.model.mobility.sumo import looks_like_xml, read_fcd
 from desim_uav.model.mobility.walks import Area, Walks, off_map
 from desim_uav.model.random.streams import Streams
@@ -57,20 +58,22 @@ WayPoints = dict[int, list[_WayPoint]]
 @register("mobility", "trace")
 @dataclass(frozen=True)
 class Trace:
-    """Takes way points from a CSV file with the columns user, t_s, x_m, y_m, or from SUMO.
+    """Takes way points from a CSV file with the columns user, t_s, x_m, y_m, from SUMO or ns-2.
 
     A user stands at its first way point until that point's time, walks straight from each way
     point to the next, and stays at the last. A user without way points stays at home. A file from
     SUMO is floating car data (option `--fcd-output`): its vehicles and persons are the users, in
-    the order in which they appear.
+    the order in which they appear. A file for ns-2 has lines with `setdest`; user n is its node n.
     """
 
     file: Path
     """The file, relative to the scenario's file."""
     later: ClassVar = ("format", "begin_s", "offset_m")
 
-    format: Literal["auto", "csv", "fcd"] = "auto"
-    """`csv`, `fcd` (SUMO's floating car data), or `auto`: as the file begins."""
+    format: Literal["auto", "csv", "fcd", "ns2"] = "auto"
+    """`csv`, `fcd` (SUMO's floating car data), `ns2` (movements of ns-2), or `auto`: what the
+    file looks like.
+    """
     begin_s: Annotated[float, Ge(0), Le(LARGEST)] = 0.0
     """The time of the recording at which an episode begins, in seconds. A user who is walking
     then begins at the place that it has reached by this time. Vehicles and persons from SUMO that
@@ -217,7 +220,16 @@ class Trace:
 
     @property
     def _is_fcd(self) -> bool:
-        return self.format == "fcd" or (self.format == "auto" and looks_like_xml(self.file))
+        return self._form == "fcd"
+
+    @property
+    def _form(self) -> str:
+        """The format of the file: csv, fcd or ns2."""
+        if self.format != "auto":
+            return self.format
+        if looks_like_xml(self.file):
+            return "fcd"
+        return "ns2" if looks_like_ns2(self.file) else "csv"
 
     @property
     def _time(self) -> str:
@@ -273,18 +285,18 @@ class Trace:
     def _recorded(self) -> WayPoints:
         """Return each user's way points, in the file's order, on the map of an episode."""
         begin_us = round(self.begin_s * US)
-        return _recorded(self.file, self._is_fcd, begin_us, self.offset_m, version_of(self.file))
+        return _recorded(self.file, self._form, begin_us, self.offset_m, version_of(self.file))
 
 
 @lru_cache(maxsize=4)
 def _recorded(
-    file: Path, is_fcd: bool, begin_us: int, offset_m: tuple[float, float], version: Version
+    file: Path, form: str, begin_us: int, offset_m: tuple[float, float], version: Version
 ) -> WayPoints:
     """Return the way points of a file at this version (see ``Trace``)."""
     dx, dy = offset_m
     points = (
         _WayPoint(user, round(t_s * US) - begin_us, x_m + dx, y_m + dy, line, name)
-        for user, t_s, x_m, y_m, line, name in (_of_sumo(file) if is_fcd else _of_table(file))
+        for user, t_s, x_m, y_m, line, name in READERS[form](file)
     )
     grouped = groupby(sorted(points, key=itemgetter(0)), key=itemgetter(0))
     return {user: list(group) for user, group in grouped}
@@ -300,11 +312,19 @@ def _of_table(file: Path) -> Rows:
         yield (*row, f"user {row[0]}")
 
 
+def _of_ns2(file: Path) -> Rows:
+    for node, t_s, x_m, y_m, line in read_ns2(file):
+        yield node, t_s, x_m, y_m, line, f"node {node}"
+
+
 def _of_sumo(file: Path) -> Rows:
     users: dict[str, int] = {}
     for mover, t_s, x_m, y_m, line in read_fcd(file).way_points:
         yield users.setdefault(mover, len(users)), t_s, x_m, y_m, line, mover
 
+
+READERS = {"csv": _of_table, "fcd": _of_sumo, "ns2": _of_ns2}
+"""The function that reads a file, by its format."""
 
 _DEGREES = (
     "these are hardly metres but longitudes and latitudes in degrees; project them to metres "

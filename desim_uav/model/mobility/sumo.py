@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
-from xml.parsers import expat
 
+from desim_uav.geodata.xml_reader import XmlReader
 from desim_uav.model.traces import Version, bytes_of, coordinate, quantity, version_of
 
 ROOT, STEP, MOVERS, FREIGHT = "fcd-export", "timestep", ("vehicle", "person"), "container"
@@ -58,41 +58,24 @@ def read_fcd(path: Path) -> Fcd:
 @lru_cache(maxsize=16)
 def _read_fcd(path: Path, version: Version) -> Fcd:
     reader = _Reader(path)
-    parser = expat.ParserCreate()
-    reader.parser = parser
-    parser.StartDoctypeDeclHandler = reader.refuse
-    parser.EntityDeclHandler = reader.refuse
-    parser.CommentHandler = reader.comment
-    parser.StartElementHandler = reader.begin
-    parser.EndElementHandler = reader.end
-    try:
-        parser.Parse(bytes_of(path), True)
-    except expat.ExpatError as error:
-        why = expat.ErrorString(error.code)
-        raise ValueError(f"{path}:{error.lineno}: it is not well-formed XML: {why}") from error
+    reader.parse(bytes_of(path))
     return Fcd(reader.way_points, len(reader.containers))
 
 
-class _Reader:
+class _Reader(XmlReader):
     """Collects way points while an FCD file is parsed."""
 
-    parser: expat.XMLParserType
-
     def __init__(self, path: Path) -> None:
-        self.path = path
+        super().__init__(path)
         self.way_points: list[WayPoint] = []
         self.containers: set[str | None] = set()
         self.open: list[str] = []
         self.t_s = 0.0
 
-    def refuse(self, *_: object) -> None:
-        """Raise ValueError for a document type or an entity."""
-        raise self._error("a document type or entity is not allowed")
-
     def comment(self, text: str) -> None:
         """Raise ValueError if SUMO's settings, in a comment, say that positions are degrees."""
         if _IN_DEGREES.search(text):
-            raise self._error(
+            raise self.error(
                 "its positions are longitudes and latitudes in degrees (SUMO's option "
                 "--fcd-output.geo); write it without this option, so that they are in metres"
             )
@@ -100,31 +83,22 @@ class _Reader:
     def begin(self, tag: str, attributes: Mapping[str, str]) -> None:
         """Begin an element: a time step, or somebody in one."""
         if not self.open and tag != ROOT:
-            raise self._error(f"<{tag}>: expected <{ROOT}>, as SUMO's option --fcd-output writes")
+            raise self.error(f"<{tag}>: expected <{ROOT}>, as SUMO's option --fcd-output writes")
         if tag == STEP:
             self.t_s = self._number(tag, attributes, "time")
         elif tag == FREIGHT:
             self.containers.add(attributes.get("id"))
         elif tag in MOVERS:
             if self.open[-1:] != [STEP]:
-                raise self._error(f"<{tag}>: expected within <{STEP}>")
+                raise self.error(f"<{tag}>: expected within <{STEP}>")
             x_m, y_m = (self._number(tag, attributes, name, coordinate) for name in ("x", "y"))
-            mover = f"{tag} {self._text(tag, attributes, 'id')!r}"
-            self.way_points.append(WayPoint(mover, self.t_s, x_m, y_m, self._line))
+            mover = f"{tag} {self.text(tag, attributes, 'id')!r}"
+            self.way_points.append(WayPoint(mover, self.t_s, x_m, y_m, self.line))
         self.open.append(tag)
 
     def end(self, tag: str) -> None:
         """End an element."""
         self.open.pop()
-
-    @property
-    def _line(self) -> int:
-        return int(self.parser.CurrentLineNumber)
-
-    def _text(self, tag: str, attributes: Mapping[str, str], name: str) -> str:
-        if name not in attributes:
-            raise self._error(f"<{tag}> has no attribute {name!r}")
-        return attributes[name]
 
     def _number(
         self,
@@ -133,11 +107,8 @@ class _Reader:
         name: str,
         parse: Callable[[str], float] = quantity,
     ) -> float:
-        text = self._text(tag, attributes, name)
+        text = self.text(tag, attributes, name)
         try:
             return parse(text)
         except ValueError as error:
-            raise self._error(f"{name}: {text!r}: {error}") from error
-
-    def _error(self, problem: str) -> ValueError:
-        return ValueError(f"{self.path}:{self._line}: {problem}")
+            raise self.error(f"{name}: {text!r}: {error}") from error

@@ -128,7 +128,7 @@ def space_of(
     """
     limits, speeds = limits_of(motion), cruise_of(motion)
     cruise_mps = (float(speeds[0]), float(speeds[-1])) if speeds else NO_CHOICE
-    prisms = obstacles(grid.height_m, grid.cell_m, zones, motion.margin_m)
+    prisms = obstacles(grid.height_m, grid.cell_m, zones, motion.margin_m, grid.city)
     whole_map = motion.reach == "map"
     if energy is None:
         return Space(limits, wind, prisms, (), cruise_mps, whole_map)

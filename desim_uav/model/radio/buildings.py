@@ -5,6 +5,7 @@ A building has a convex footprint on the ground, and a flat roof.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -85,6 +86,35 @@ def bucketed(
 def _reached(low: float, high: float, count: int) -> range:
     """Return the buckets, of ``count`` along an axis, in which a range of them has its places."""
     return range(min(max(int(low), 0), count - 1), max(min(int(np.ceil(high)), count), 1))
+
+
+MOST_BUCKETS = 512
+"""The most buckets of buildings along an axis."""
+
+
+def pieces_as_prisms(
+    pieces_m: Sequence[NDArray[np.float64]],
+    roofs_m: NDArray[np.float64],
+    size_m: tuple[float, float],
+) -> Buildings:
+    """Return convex buildings with these footprints, counterclockwise, on a map of this size.
+
+    There is about one bucket for each building.
+    """
+    per_m = math.sqrt(len(pieces_m) / (size_m[0] * size_m[1]))
+    nx, ny = (min(max(round(size * per_m), 1), MOST_BUCKETS) for size in size_m)
+    side_m = size_m[0] / nx, size_m[1] / ny
+    heads, members = bucketed(pieces_m, (nx, ny), side_m)
+    return Buildings(
+        records(Corner, np.concatenate(pieces_m)),
+        np.cumsum([0, *map(len, pieces_m)]),
+        np.array(roofs_m, np.float64),
+        (nx, ny),
+        side_m,
+        heads,
+        members,
+        float(roofs_m.max()),
+    )
 
 
 def cells_as_prisms(height_m: NDArray[np.float64], side_m: tuple[float, float]) -> Buildings:

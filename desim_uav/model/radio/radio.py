@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol
 
 from annotated_types import Ge, Le, MaxLen, MinLen
 
+from desim_uav.model.radio.fading import Fading, NoFading
 from desim_uav.model.radio.link import (
     LADDERS,
     MOST_CLASSES,
@@ -151,6 +153,12 @@ class LinkClasses:
     """The least signal-to-noise ratio of each class, in dB, and what it carries, in bit/s/Hz:
     those of 3GPP's CQI or MCS table, or one's own, rising.
     """
+    fading: Annotated[Fading, ComponentField("fading", "none", Fading, by_name=True)] = field(
+        default_factory=NoFading
+    )
+    """Small-scale fading, which raises the thresholds of all classes. It needs
+    `interference: none`.
+    """
     interference: Annotated[str | Reuse, NameOr(("none", "co_channel"), Reuse, "{reuse: n}")] = (
         "none"
     )
@@ -164,7 +172,7 @@ class LinkClasses:
     they share it with all else. Uploads are inputs of tasks, and updates of sensors.
     """
 
-    later: ClassVar = ("uplink_mhz",)
+    later: ClassVar = ("uplink_mhz", "fading")
     graded: ClassVar[bool] = True
     flat: ClassVar[bool] = False
 
@@ -181,11 +189,20 @@ class LinkClasses:
             raise ValueError(
                 f"interference must be none, co_channel or {{reuse: n}}, not {self.interference!r}"
             )
+        if self.interference != "none" and self.fading.margin_db() != 0.0:
+            raise ValueError(
+                "fading needs interference: none, because the outage that it states is that of the "
+                "SNR; interferers fade too, which changes that of the SINR"
+            )
 
-    @property
+    @cached_property
     def ladder(self) -> tuple[LinkClass, ...]:
-        """The classes of a link, which rise."""
-        return link_classes(self.classes)
+        """The classes of a link, which rise, with the mean ratios at which they hold."""
+        margin_db = self.fading.margin_db()
+        classes = link_classes(self.classes)
+        if margin_db == 0.0:
+            return classes
+        return tuple(LinkClass(one.snr_db + margin_db, one.bit_s_hz) for one in classes)
 
     @property
     def reuse(self) -> int:

@@ -42,6 +42,10 @@ GAP_S = 1e-7
 rounding of two equal times, as where a line passes from one building to the next."""
 
 
+BESIDE_M = 1e-5
+"""A building that is farther than this from all places of a line cannot block it."""
+
+
 class Line(NamedTuple):
     """A line of sight from a time on: position and motion of the user, and those of the drone."""
 
@@ -142,8 +146,9 @@ def _look(
 ) -> int:
     """Add the stretches of time in which buildings block a line; return how many there are then.
 
-    Looked at are the buildings in the buckets that the line sweeps. Only the part of the line below
-    the tallest roof counts. Rows that the buffers cannot hold are counted only.
+    Looked at are the buildings in the buckets that the line sweeps, those near the user first, and
+    none after one that blocks the line all the time. Only the part of the line below the tallest
+    roof counts. Rows that the buffers cannot hold are counted only.
     """
     (ux, uy, uz), (px, py, pz) = _ends(line, 0.0)
     (tx, ty, tz), (qx, qy, qz) = _ends(line, until - at)
@@ -173,7 +178,10 @@ def _look(
     stamp = buffers.visited[len(buffers.visited) - 1] + 1
     buffers.visited[len(buffers.visited) - 1] = stamp
     (nx, ny), (dx, dy) = buildings.shape, buildings.side_m
-    for ix in range(_bucket(min(xs), dx, nx), _bucket(max(xs), dx, nx) + 1):
+    first, last, step = _bucket(min(xs), dx, nx), _bucket(max(xs), dx, nx), 1
+    if 2 * _bucket(ux, dx, nx) > first + last:
+        first, last, step = last, first, -1
+    for ix in range(first, last + step, step):
         south, north = _slab(xs, ys, ix * dx, (ix + 1) * dx)
         if south > north:
             continue
@@ -183,9 +191,75 @@ def _look(
                 b = buildings.members[k]
                 if buffers.visited[b] != stamp:
                     buffers.visited[b] = stamp
-                    if min(low, high) < buildings.roofs_m[b]:
+                    if min(low, high) < buildings.roofs_m[b] and _may_block(
+                        (ux, uy), (tx, ty), (px, py), (qx, qy), low, high, buildings, b
+                    ):
                         count = _stretches(line, at, until, buildings, b, buffers, count)
+                        if _always(buffers.blocked, count, at, until):
+                            return count
     return count
+
+
+@part
+def _always(blocked: Table[Stretch], count: int, at: float, until: float) -> bool:
+    """Return whether the last stretch that was written is the whole time."""
+    if count == 0 or count > len(blocked):
+        return False
+    last = blocked[count - 1]
+    return bool(last.since_s <= at and last.until_s >= until)
+
+
+@part
+def _may_block(
+    one: tuple[float, float],
+    other: tuple[float, float],
+    start: tuple[float, float],
+    stop: tuple[float, float],
+    low: float,
+    high: float,
+    buildings: Buildings,
+    b: int,
+) -> bool:
+    """Return whether a building may block a line whose user goes from one place to another.
+
+    The drone flies from ``start`` to ``stop``; ``low`` and ``high`` are the least altitudes of the
+    two. The building cannot if it is beside the strip that the line sweeps, or if the line is
+    above its roof wherever it can be over it: both by more than ``BESIDE_M``.
+    """
+    ax, ay = start[0] - one[0], start[1] - one[1]
+    bx, by = stop[0] - other[0], stop[1] - other[1]
+    length = np.sqrt(ax * ax + ay * ay)
+    if length <= BESIDE_M:
+        return True
+    ax, ay = ax / length, ay / length
+    far = np.sqrt(bx * bx + by * by)
+    bx, by = (bx / far, by / far) if far > BESIDE_M else (ax, ay)
+    # Where the corners are along the line, and to its left, at the start and at the end.
+    nearest, west, east, south, north = np.inf, np.inf, -np.inf, np.inf, -np.inf
+    for k in range(buildings.offsets[b], buildings.offsets[b + 1]):
+        corner = buildings.corners[k]
+        x, y = corner.x_m - one[0], corner.y_m - one[1]
+        nearest = min(nearest, ax * x + ay * y)
+        left = ax * y - ay * x
+        west, east = min(west, left), max(east, left)
+        left = bx * y - by * x
+        south, north = min(south, left), max(north, left)
+    x1, y1 = other[0] - one[0], other[1] - one[1]
+    x2, y2, x3, y3 = start[0] - one[0], start[1] - one[1], stop[0] - one[0], stop[1] - one[1]
+    p1, p2, p3 = ax * y1 - ay * x1, ax * y2 - ay * x2, ax * y3 - ay * x3
+    if west > max(0.0, p1, p2, p3) + BESIDE_M or east < min(0.0, p1, p2, p3) - BESIDE_M:
+        return False
+    p1, p2, p3 = bx * y1 - by * x1, bx * y2 - by * x2, bx * y3 - by * x3
+    if south > max(0.0, p1, p2, p3) + BESIDE_M or north < min(0.0, p1, p2, p3) - BESIDE_M:
+        return False
+    begin = max(0.0, ax * x1 + ay * y1)
+    end = max(ax * x2 + ay * y2, ax * x3 + ay * y3)
+    if high <= low or nearest <= begin or end <= begin:
+        return True
+    if nearest > end + BESIDE_M:
+        return False
+    over_m = low + (high - low) * min((nearest - begin) / (end - begin), 1.0)
+    return bool(over_m <= buildings.roofs_m[b] + BESIDE_M)
 
 
 @part

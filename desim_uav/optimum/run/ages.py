@@ -16,6 +16,7 @@ from desim_uav.model.services import LAST, collecting_of
 from desim_uav.optimum.gathering import refuse_other_gathering
 from desim_uav.optimum.run.alone import ANYWHERE
 from desim_uav.optimum.run.battery import refuse_other_batteries
+from desim_uav.optimum.run.descent import Search, lowest
 from desim_uav.optimum.run.rates import rates_of
 from desim_uav.optimum.run.sensors import Updates, least_ages, updates_of
 from desim_uav.optimum.run.trips import Payments, best_trips, follow_trips, trips_of
@@ -25,12 +26,9 @@ from desim_uav.world import World
 ROUNDS = 100
 """The number of times that prices are changed for each episode."""
 
-FIRST_GAP, LEAST_GAIN = 0.3, 1e-6
-"""By how much the first changes of prices try to raise the bound, and what counts as higher, in
-steps."""
-
-PATIENCE, SMALLER, MEMORY = 5, 0.7, 0.7
-"""See ``prices``; the weight of earlier subgradients is lower, as there are more prices."""
+FIRST_GAP, MEMORY = 0.3, 0.7
+"""See ``Search``; the gap is in steps. The weight of earlier subgradients is lower than elsewhere,
+as there are more prices."""
 
 EVERY, LANDING = 2.0, 1.0
 """The price of a landing at first, and how many steps before the end it begins to fall to 0."""
@@ -95,24 +93,19 @@ class BoundedAges:
 
     def highest(self, updates: Updates, prices: NDArray[np.float64]) -> float:
         """Return the highest bound of an episode that is found, in steps."""
-        highest, best, steepest = -np.inf, prices, prices
-        direction, gap, since = np.zeros_like(prices), FIRST_GAP, 0
-        for _ in range(self.rounds):
+        left = self.rounds
+
+        def bound_at(prices: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
             bound, slope = self.at_least(updates, prices)
-            since += 1
-            if bound > highest:
-                since = 0 if bound > highest + LEAST_GAIN else since
-                highest, best, steepest = bound, prices, slope
-            direction = MEMORY * direction + (1 - MEMORY) * slope if direction.any() else slope
-            if since > PATIENCE:
-                gap, since = SMALLER * gap, 0
-                prices, bound, direction = best, highest, steepest
-            length = float((direction**2).sum())
-            if length > 0.0:
-                step = (highest - bound + gap) / length
-                prices = np.maximum(0.0, prices + step * direction)
+            return -bound, -slope
+
+        def go_on(low: float) -> bool:
+            nonlocal left
+            left -= 1
             self.on_work()
-        return float(highest)
+            return left > 0
+
+        return -lowest(bound_at, prices, Search(FIRST_GAP, MEMORY, True, np.inf), go_on)[0]
 
     def at_least(
         self, updates: Updates, prices: NDArray[np.float64]

@@ -1,7 +1,6 @@
-"""Prices of users, from which a bound follows, and the search for better prices.
+"""Prices of users, from which a bound follows.
 
-The bound holds for any prices (see docs/explanation/bounds.md); the prices only determine how close
-it is. The bound is convex in the prices, and the best plans of the drones give a subgradient.
+The best plans of the drones give a subgradient of the bound in the prices.
 """
 
 from __future__ import annotations
@@ -13,24 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.optimum.run.alone import Alone, best_alone, follow, pay_legs
+from desim_uav.optimum.run.descent import Search, lowest
 from desim_uav.optimum.run.legs import LEGS, Shares
 
 Prices = NDArray[np.float64]
 """(steps, users): the price of covering a user for a step."""
 
-PATIENCE = 5
-"""The rounds without a better bound after which steps become smaller."""
-
-SMALLER = 0.7
-
-MEMORY = 0.9
-"""The weight of earlier subgradients in the direction of a step."""
-
-FIRST_GAP = 0.05
-"""By how much the first steps try to lower the bound."""
-
-LEAST_GAIN = 1e-6
-"""By how much a bound must be lower than the ones before to count as better."""
+FIRST_GAP, MEMORY = 0.05, 0.9
+"""See ``Search``."""
 
 
 class Slope(NamedTuple):
@@ -91,26 +80,13 @@ def lowest_bound(
 
     ``on_round`` gets the lowest bound so far, and returns whether to go on.
     """
-    lowest, best, direction = np.inf, prices, np.zeros_like(prices)
-    gap, since = FIRST_GAP, 0
-    going = True
-    while going:
+
+    def bound_at(prices: Prices) -> tuple[float, Prices]:
         earned, covered = _best_plans(fleet, prices)
         trial = measure.at_most(prices, earned)
-        since += 1
-        if trial.bound < lowest:
-            since = 0 if trial.bound < lowest - LEAST_GAIN else since
-            lowest, best = trial.bound, prices
-        slope = (covered - trial.needed) / trial.scale
-        direction = MEMORY * direction + (1 - MEMORY) * slope if direction.any() else slope
-        if since > PATIENCE:
-            gap, since, prices = SMALLER * gap, 0, best
-        length = float((direction**2).sum())
-        if length > 0.0:
-            step = (trial.bound - lowest + gap) / length
-            prices = np.clip(prices - step * direction, 0.0, measure.most)
-        going = on_round(lowest)
-    return lowest, best
+        return trial.bound, (covered - trial.needed) / trial.scale
+
+    return lowest(bound_at, prices, Search(FIRST_GAP, MEMORY, False, measure.most), on_round)
 
 
 def _best_plans(fleet: Fleet, prices: Prices) -> tuple[float, Prices]:

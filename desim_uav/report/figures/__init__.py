@@ -9,6 +9,7 @@ from desim_uav.report.figures.energy import energy_figure
 from desim_uav.report.figures.episodes import episodes_figure
 from desim_uav.report.figures.policy import policy_figure
 from desim_uav.report.figures.radio import radio_figure
+from desim_uav.report.figures.radio_map import map_figure
 from desim_uav.report.figures.services import services_figure
 from desim_uav.report.figures.snapshot import snapshot_figure
 from desim_uav.report.figures.style import to_bytes
@@ -25,6 +26,7 @@ __all__ = [
     "energy_figure",
     "episodes_figure",
     "intervals_figure",
+    "map_figure",
     "policy_figure",
     "radio_figure",
     "services_figure",

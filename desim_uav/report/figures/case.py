@@ -21,6 +21,7 @@ from desim_uav.report.figures.map import (
     draw_points,
     draw_rings,
     draw_stations,
+    draw_streets,
     draw_zones,
 )
 from desim_uav.report.figures.style import NARROW, Figure, drone_look, named, styled
@@ -55,6 +56,7 @@ def case_picture(
 
     figure = Figure(figsize=(width, width * 6.4 / 7.2))
     axes = figure.add_subplot()
+    draw_streets(axes, run.world)
     buildings = draw_buildings(axes, world)
     draw_cells(axes, world)
     draw_clusters(axes, world)

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from desim_uav.report.links import point_rings_m, shade
 from desim_uav.scenario.map import NoFly
+from desim_uav.user_group import streets_of
 from desim_uav.world import World
 
 POINT = "0.15"
@@ -43,6 +45,8 @@ def draw_cells(axes: Axes, world: dict[str, Any]) -> None:
 
 def draw_buildings(axes: Axes, world: dict[str, Any]) -> Any:
     """Draw buildings, taller ones darker; return the image, or None if there are none."""
+    if world.get("city"):
+        return _draw_city(axes, world["city"])
     width, depth = world["size_m"]
     heights = np.array(world["cell_height_m"])
     if not heights.any():
@@ -50,6 +54,24 @@ def draw_buildings(axes: Axes, world: dict[str, Any]) -> Any:
     shades = np.ma.masked_equal(heights.T, 0.0)
     extent = (0, width, 0, depth)
     return axes.imshow(shades, origin="lower", extent=extent, cmap="Greys", vmin=0, alpha=0.75)
+
+
+def _draw_city(axes: Axes, city: dict[str, Any]) -> Any:
+    """Draw footprints, those of taller buildings darker, and whose data they are."""
+    footprints = PolyCollection(
+        city["pieces_m"], array=city["roofs_m"], cmap="Greys", alpha=0.75, edgecolor="face"
+    )
+    footprints.set(linewidth=0.2, clim=(0, max(city["roofs_m"])))
+    axes.add_collection(footprints, autolim=False)
+    corner = {"transform": axes.transAxes, "ha": "right", "va": "bottom"}
+    axes.text(0.995, 0.005, city["attribution"], corner, fontsize=5)
+    return footprints
+
+
+def draw_streets(axes: Axes, world: World) -> None:
+    """Draw the streets along which users go."""
+    lines = LineCollection(streets_of(world.scenario), color="0.82", linewidth=2.0, zorder=0.5)
+    axes.add_collection(lines, autolim=False)
 
 
 def draw_clusters(axes: Axes, world: dict[str, Any]) -> None:
@@ -127,3 +149,19 @@ def mark_cells(
         patch = Rectangle(corner, width / nx, depth / ny, label=name, **look)
         patch.set_in_layout(False)
         axes.add_patch(patch)
+
+
+def mark_buildings(axes: Axes, content: dict[str, Any], world: World, **look: Any) -> None:
+    """Mark the cells of buildings, or the walls of a city, with one entry in the legend."""
+    if not len(world.grid.city):
+        built = np.asarray(content["cell_height_m"], np.float64) > 0.0
+        mark_cells(axes, content, built, "building", **look)
+        return
+    city, walls = world.grid.city, []
+    for corners, inner in zip(city.pieces_m, city.inner, strict=True):
+        edges = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        walls += list(edges[~inner])
+    width = 0.7 * look.get("linewidth", 1.0)
+    lines = LineCollection(walls, color=look["edgecolor"], linewidth=width, label="building")
+    lines.set_zorder(look.get("zorder", 1.5))
+    axes.add_collection(lines, autolim=False)

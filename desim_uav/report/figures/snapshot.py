@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from numpy.typing import NDArray
 
 from desim_uav.engine.base import UserState
 from desim_uav.model.rules import US, Mode
@@ -21,6 +22,7 @@ from desim_uav.report.figures.style import Figure, drone_look, named, styled
 from desim_uav.report.links import point_rings_m, rings_m, shade
 from desim_uav.report.playback import Moment, Playback
 from desim_uav.report.run import Run, opened
+from desim_uav.user_group import streets_of
 from desim_uav.world import World
 
 AROUND = np.linspace(0.0, 2.0 * math.pi, 73)
@@ -38,6 +40,9 @@ WIDTH, HEIGHT = 7.6, 5.2
 
 ROWS, ROW = 3, 0.22
 """The rows of the legend for which there is room, and the height that each further one adds."""
+
+UNIT = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+"""The corners of a cell, in cells."""
 
 PATH_S = 5.0
 """The time between two points of a path."""
@@ -67,6 +72,9 @@ def snapshot_figure(
     world = run.map
     moment = playback.at(t_us)
     _draw_ground(axes, world)
+    for line in streets_of(run.scenario):
+        x, y = zip(*line, strict=True)
+        axes.plot(x, y, 0, color="0.8", ls="-", linewidth=1.4, zorder=1.5)
     _draw_footprints(axes, moment, run.world)
     _draw_points(axes, run.world)
     _draw_users(axes, moment)
@@ -109,7 +117,8 @@ def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
         name = "charging station" if k == 0 else None
         look = {"facecolor": "white", "edgecolor": "black", "linewidth": 1.4, "zorder": 3}
         axes.add_collection3d(Poly3DCollection([corners], label=name, **look))
-    top = max(world["open_levels_m"] + [float(np.max(world["cell_height_m"]))])
+    roofs_m = (world.get("city") or {"roofs_m": []})["roofs_m"]
+    top = max([*world["open_levels_m"], float(np.max(world["cell_height_m"])), *roofs_m])
     axes.set(xlim=(0, width), ylim=(0, depth), zlim=(0, top))
     axes.set_xlabel("x, m", labelpad=6)
     axes.set_ylabel("y, m", labelpad=6)
@@ -124,23 +133,37 @@ def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
 
 
 def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
+    """Draw buildings from the back to the front, so that nearer ones cover those behind them."""
     (width, depth), (nx, ny) = world["size_m"], world["cells"]
-    heights = np.array(world["cell_height_m"], dtype=float)
-    cells = np.argwhere(heights > 0)
-    # From the back to the front, so that nearer buildings cover those behind them.
-    order = sorted(cells.tolist(), key=lambda cell: cell[0] - nx * 1.7 * cell[1] / ny)
-    dx, dy = width / nx, depth / ny
-    for k, (ix, iy) in enumerate(order):
-        axes.bar3d(
-            *(ix * dx, iy * dy, 0, dx, dy, heights[ix, iy]),
-            color="0.85",
-            edgecolor="0.4",
-            clip_on=False,
-            linewidth=0.5,
-            shade=True,
-            zorder=5,
-            label="building" if k == 0 else None,
-        )
+    if world.get("city"):
+        pieces = [np.array(piece) for piece in world["city"]["pieces_m"]]
+        prisms = list(zip(pieces, world["city"]["roofs_m"], strict=True))
+    else:
+        heights, sides = np.array(world["cell_height_m"], float), (width / nx, depth / ny)
+        cells = np.argwhere(heights > 0)
+        prisms = [((cell + UNIT) * sides, heights[tuple(cell)]) for cell in cells]
+    middles = [np.mean(corners, axis=0) for corners, _ in prisms]
+    order = sorted(
+        range(len(prisms)), key=lambda k: middles[k][0] / width - 1.7 * middles[k][1] / depth
+    )
+    for k, number in enumerate(order):
+        corners, roof_m = prisms[number]
+        _draw_prism(axes, corners, float(roof_m), "building" if k == 0 else None)
+
+
+def _draw_prism(axes: Any, corners: NDArray[np.float64], roof_m: float, name: str | None) -> None:
+    """Draw a building; its corners are counterclockwise. Walls to the south-west are lighter."""
+    floor, roof = (np.column_stack([corners, np.full(len(corners), z)]) for z in (0.0, roof_m))
+    ahead = np.roll(corners, -1, axis=0) - corners
+    light = (ahead[:, 1] - ahead[:, 0]) / np.hypot(*ahead.T) / math.sqrt(2.0)
+    walls = [
+        np.array([floor[k], floor[k - len(floor) + 1], roof[k - len(roof) + 1], roof[k]])
+        for k in range(len(corners))
+    ]
+    shades = [str(round(0.68 - 0.12 * float(part), 3)) for part in light]
+    look = {"edgecolor": "0.4", "linewidth": 0.3, "zorder": 5, "clip_on": False}
+    faces = [*walls, roof]
+    axes.add_collection3d(Poly3DCollection(faces, facecolor=[*shades, "0.88"], label=name, **look))
 
 
 def _draw_footprints(axes: Axes3D, moment: Moment, world: World) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
+import pandas as pd
 from matplotlib import figure as mpl_figure
 from matplotlib.axes import Axes
 
@@ -51,7 +52,12 @@ T = TypeVar("T")
 
 
 class Figure(mpl_figure.Figure):
-    """A figure of Matplotlib that a notebook shows, although pyplot does not know it."""
+    """A figure of Matplotlib that a notebook shows, although pyplot does not know it.
+
+    ``table`` has its numbers, if they can be written to a file.
+    """
+
+    table: pd.DataFrame | None = None
 
     def _repr_png_(self) -> bytes:
         return to_bytes(self, ".png")
@@ -70,14 +76,14 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     return in_style
 
 
-def ending(out: Path, option: str = "--out") -> str:
+def ending(out: Path, option: str = "--out", allowed: tuple[str, ...] = ENDINGS) -> str:
     """Return the ending of a file's name, which an option gave.
 
-    Raises UsageError if it is not one of ``ENDINGS``.
+    Raises UsageError if it is not one of those allowed.
     """
     suffix = out.suffix.lower()
-    if suffix not in ENDINGS:
-        raise UsageError(f"{option} {out}: the file's name must end in one of {', '.join(ENDINGS)}")
+    if suffix not in allowed:
+        raise UsageError(f"{option} {out}: the file's name must end in one of {', '.join(allowed)}")
     return suffix
 
 

@@ -16,7 +16,7 @@ from desim_uav.report.figures.map import (
     draw_field,
     draw_stations,
     draw_zones,
-    mark_cells,
+    mark_buildings,
 )
 from desim_uav.report.figures.style import grid_of, headed, styled
 from desim_uav.report.playback import Playback
@@ -45,9 +45,8 @@ def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None
         shades = np.where(minutes[number] > 0, minutes[number], np.nan)
         image = draw_field(axes, world, shades, cmap="YlGnBu", vmin=0, vmax=top)
         draw_cells(axes, world)
-        built = np.array(world["cell_height_m"]) > 0
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.55", "linewidth": 0.4}
-        mark_cells(axes, world, built, "building", hatch="////", **look)
+        mark_buildings(axes, world, run.world, hatch="////", **look)
         draw_zones(axes, run.world)
         draw_stations(axes, world, size=36)
         axes.set_title(f"{run.drone_name(number)}: {minutes[number].sum():.1f} min")

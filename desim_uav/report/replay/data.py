@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from desim_uav.model.catalogue import Catalogue
+from desim_uav.model.geometry.city import City
 from desim_uav.model.rules import GROUNDED, US, Action, Mode, Phase, Variant
 from desim_uav.model.services import COMPUTING
 from desim_uav.records import EPISODES
@@ -21,6 +22,7 @@ from desim_uav.report.run import Run, Tables
 from desim_uav.report.tracks import Track
 from desim_uav.rules import words
 from desim_uav.rules.words import EVENT_KINDS, LEADS_TO
+from desim_uav.user_group import streets_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -290,6 +292,7 @@ class Encoder:
         scenario, manifest, world = self.scenario, self.run.manifest, self.run.map
         return links_content(self.run.world) | {
             "scenario": manifest["scenario"],
+            "name": manifest.get("name", ""),
             "policy": manifest["policy"],
             "seed": str(manifest["seed"]),
             "world_seed": str(self.run.settings.world_seed),
@@ -313,6 +316,9 @@ class Encoder:
                 "cell_height_m": [
                     [round(h, 2) for h in column] for column in world["cell_height_m"]
                 ],
+                "streets": [np.round(line, 1).tolist() for line in streets_of(scenario)],
+                "buildings": buildings_of(self.run.world.grid.city),
+                "attribution": self.run.world.grid.city.attribution,
                 "zones": [
                     {"polygon_m": zone.polygon_m, "altitude_m": zone.altitude_m}
                     for zone in scenario.map.no_fly
@@ -335,6 +341,17 @@ class Encoder:
             name: None if isinstance(row[name], float) and math.isnan(row[name]) else row[name]
             for name in EPISODES
         } | {"duration_us": round(row["duration_s"] * US)}
+
+
+def buildings_of(city: City) -> list[dict[str, Any]]:
+    """Return the convex pieces of buildings: corners, height, and the edges without a wall."""
+    return [
+        {"polygon_m": np.round(piece, 1).tolist(), "height_m": round(roof_m, 1)}
+        | ({"inner": np.flatnonzero(inner).tolist()} if inner.any() else {})
+        for piece, roof_m, inner in zip(
+            city.pieces_m, city.roofs_m.tolist(), city.inner, strict=True
+        )
+    ]
 
 
 def fork_in(manifest: dict[str, Any]) -> dict[str, int] | None:

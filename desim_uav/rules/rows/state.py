@@ -64,7 +64,8 @@ class State(Row):
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
     ``history`` holds all commands. ``sky`` is for the kernels of the sky. In the compiled engine,
     ``slot_times`` to ``winners`` are the event queue, and ``before`` holds the drones as they
-    began the episode, at ``before_us``. In free flight, ``aims``
+    began the episode, at ``before_us``; while it is stepped, memory from the address ``fetch_at``
+    to ``fetch_end`` is fetched, which the next environment needs. In free flight, ``aims``
     holds what belongs to the commands (``Course.aim_x`` and the four after it), ``flown`` the legs
     of a step for the log, and ``away_m`` is memory.
     """
@@ -73,6 +74,8 @@ class State(Row):
     step: int
     epoch_us: int
     next_us: int
+    fetch_at: int
+    fetch_end: int
     share: float
     terminated: Int16
     truncated: Int16

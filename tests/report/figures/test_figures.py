@@ -349,7 +349,7 @@ class TestSnapshot:
     def test_a_building_is_as_tall_as_it_is(self, flown):
         world = json.loads((flown / "world.json").read_text())
         heights = sorted(h for row in world["cell_height_m"] for h in row if h)
-        boxes = [c for c in snapshot_figure(flown).axes[0].collections if len(get_faces(c)) == 6]
+        boxes = [c for c in snapshot_figure(flown).axes[0].collections if len(get_faces(c)) == 5]
         assert sorted(np.max(get_faces(box)[..., 2]) for box in boxes) == pytest.approx(heights)
 
     def test_a_flat_map_is_drawn_flat(self, flat):

@@ -1,12 +1,14 @@
 // From metres to pixels: a flat map seen from above, or the city in perspective.
 
+import { buildingsOf } from "./city.js";
+
 const MARGIN = 14;
 
 export class Camera {
   constructor(run) {
     const [width, depth] = run.map.size_m;
     this.size = { width, depth };
-    this.tallest = Math.max(1, ...run.map.cell_height_m.map((column) => Math.max(...column)));
+    this.tallest = buildingsOf(run).reduce((most, { height }) => Math.max(most, height), 1);
     this.tilted = false;
     this.following = false; // then it may look beyond the edge of the map
     this.width = this.height = 1;

@@ -1,5 +1,6 @@
 // Buttons, keys and pointers, which control the player and the camera; nothing here draws.
 
+import { HEATS } from "./heat.js";
 import { SPEEDS } from "./player.js";
 import { byId } from "./rows.js";
 
@@ -7,7 +8,7 @@ const TURN = 0.09;
 const MOVE = 60;
 const NEAR = { flat: 2, tilted: 1.6 }; // zoom when a drone is followed
 
-export function wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark }) {
+export function wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark, keep }) {
   const [run] = runs;
   const cameras = scenes.map((scene) => scene.camera);
   const [camera] = cameras;
@@ -72,6 +73,7 @@ export function wire({ runs, player, scenes, timeline, panel, layout, redraw, se
       if (d >= 0) follow(d);
       settle();
     },
+    keep,
     theme: () => setTheme(isDark() ? "light" : "dark"),
     zoom: (factor, px, py) => {
       for (const each of cameras) each.zoomBy(factor, px, py);
@@ -99,6 +101,13 @@ export function wire({ runs, player, scenes, timeline, panel, layout, redraw, se
       const { selection } = player;
       const wanted = selection?.what === "drone" ? selection.index : 0;
       follow(followed() < 0 ? wanted : -1);
+    },
+    heat: () => {
+      const now = scenes[0].heat?.name ?? null;
+      const next = HEATS[(HEATS.indexOf(now) + 1) % HEATS.length];
+      scenes.forEach((scene, k) => scene.setHeat(next, player.states[k]));
+      byId("heat").setAttribute("aria-pressed", String(next !== null));
+      redraw();
     },
     open: (name) => layout.toggle(name),
     help: () => (byId("keys").open ? byId("keys").close() : byId("keys").showModal()),
@@ -129,12 +138,14 @@ function wireButtons(actions, player, panel, shown) {
   on("later", "click", () => actions.episode(shown() + 1));
   on("episode", "change", () => actions.episode(byId("episode").selectedIndex));
   on("tilt", "click", actions.tilt);
+  on("keep", "click", actions.keep);
   on("theme", "click", actions.theme);
   on("help", "click", actions.help);
   on("closer", "click", () => actions.zoom(1.5));
   on("wider", "click", () => actions.zoom(1 / 1.5));
   on("whole", "click", actions.whole);
   on("follow", "click", actions.follow);
+  on("heat", "click", actions.heat);
   for (const name of ["charts", "panel", "legend"]) on(`${name}-toggle`, "click", () => actions.open(name));
   on("speed", "input", () => player.setSpeed(SPEEDS[Number(byId("speed").value)]));
   on("unchoose", "click", () => player.select(null));
@@ -170,10 +181,12 @@ function wireKeys(actions, player, run, shown) {
     d: () => actions.move(1, 0),
     v: actions.tilt,
     f: actions.follow,
+    h: actions.heat,
     c: () => actions.open("charts"),
     p: () => actions.open("panel"),
     l: () => actions.open("legend"),
     t: actions.theme,
+    e: actions.keep,
     "?": actions.help,
     Escape: () => player.select(null),
   };

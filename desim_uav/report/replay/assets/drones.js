@@ -1,6 +1,6 @@
 // Drones on the map: their positions, paths, batteries and crashes.
 
-import { clock, droneColour, FONT, inkOn } from "./palette.js";
+import { clock, droneColour, FONT, inkOn, trace } from "./palette.js";
 import { CRASHED, FLYING, RETURNING } from "./states.js";
 import { drawQueue, tasksAt } from "./tasks.js";
 
@@ -124,11 +124,12 @@ function drawPole(scene, d) {
 function drawDrone(scene, d) {
   const { ctx, theme, state } = scene;
   const { px, py } = scene.drones[d];
-  if (scene.tiny) return drawBody(ctx, theme, d, px, py, 4.5, state.mode[d] === RETURNING, false);
+  const shape = shapeOf(scene.run, d);
+  if (scene.tiny) return drawBody(ctx, theme, d, px, py, 4.5, state.mode[d] === RETURNING, false, shape);
   const r = scene.small ? 6.5 : 9;
   if (!scene.small) drawFrame(ctx, theme, px, py, 11, 4);
   drawBattery(ctx, theme, scene.batteryOf(d), px, py, r + 3, scene.small ? 1.5 : 3);
-  drawBody(ctx, theme, d, px, py, r, state.mode[d] === RETURNING);
+  drawBody(ctx, theme, d, px, py, r, state.mode[d] === RETURNING, true, shape);
   drawTasks(scene, d, px, py + (scene.small ? 12 : 18));
   if (!scene.small && state.mode[d] === RETURNING) {
     scene.write("returning", px, py - 25, "center", theme.ink);
@@ -158,13 +159,19 @@ export function drawFrame(ctx, theme, x, y, arm, rotor) {
   }
 }
 
-export function drawBody(ctx, theme, d, x, y, r, hollow, numbered = true) {
+const SHAPES = ["circle", "square", "hexagon", "shield", "diamond", "triangle"];
+
+/** The shape of a drone, by its type. */
+export const shapeOf = (run, d) => shapeOfType(run.type_of[d]);
+export const shapeOfType = (number) => SHAPES[number % SHAPES.length];
+
+export function drawBody(ctx, theme, d, x, y, r, hollow, numbered = true, shape = "circle") {
   const colour = droneColour(d);
   ctx.fillStyle = hollow ? theme.paper : colour;
   ctx.strokeStyle = hollow ? colour : theme.paper;
   ctx.lineWidth = hollow ? 2 : 1;
   ctx.beginPath();
-  ctx.arc(x, y, r, 0, 2 * Math.PI);
+  trace(ctx, shape, x, y, r);
   ctx.fill();
   ctx.stroke();
   if (!numbered) return;

@@ -1,6 +1,7 @@
 // The legend: a sample and a name of everything that is drawn on the map.
 
-import { drawBattery, drawBody, drawCross, drawFrame, drawRing } from "./drones.js";
+import { buildingsOf, roof } from "./city.js";
+import { drawBattery, drawBody, drawCross, drawFrame, drawRing, shapeOfType } from "./drones.js";
 import { droneColour, userWord, words } from "./palette.js";
 import { drawMast } from "./points.js";
 import { byId, element, setText } from "./rows.js";
@@ -8,7 +9,6 @@ import { ATTACHED, IDLE, SERVED, WAITING } from "./states.js";
 import { drawPad, drawStation } from "./stations.js";
 import { drawQueue, hasTasks, SQUARE } from "./tasks.js";
 import { drawUser, RADII } from "./users.js";
-import { roof } from "./view2d.js";
 import { zoneWords } from "./zones.js";
 
 const [WIDTH, HEIGHT] = [26, 20];
@@ -45,10 +45,13 @@ export class Legend {
   #fillDrones(list) {
     const { run } = this;
     const battery = run.types.every((type) => type.capacity_us === null) ? "" : ", with its battery";
-    this.#row(list, `serving${battery}`, (ctx, theme) => {
-      drawFrame(ctx, theme, X, Y, 6, 2.6);
-      if (battery) drawBattery(ctx, theme, 0.7, X, Y, 7, 2);
-      drawBody(ctx, theme, 0, X, Y, 5, false, false);
+    run.types.forEach(({ name }, number) => {
+      const text = run.types.length > 1 ? `${name}, serving` : `serving${battery}`;
+      this.#row(list, text, (ctx, theme) => {
+        drawFrame(ctx, theme, X, Y, 6, 2.6);
+        if (battery) drawBattery(ctx, theme, 0.7, X, Y, 7, 2);
+        drawBody(ctx, theme, 0, X, Y, 5, false, false, shapeOfType(number));
+      });
     });
     if (battery) {
       this.#row(list, "returning, without service", (ctx, theme) => {
@@ -104,7 +107,7 @@ export class Legend {
 
   #fillGround(list) {
     const { run } = this;
-    const heights = run.map.cell_height_m.flat().filter((height) => height > 0);
+    const heights = buildingsOf(run).map(({ height }) => height);
     if (run.map.stations.length) {
       this.#row(list, "charging station", (ctx, theme) => {
         ctx.translate(X, Y);
@@ -120,7 +123,7 @@ export class Legend {
       this.#row(list, "access point", (ctx, theme) => drawMast(ctx, theme, X, Y + 2, 6));
     }
     if (heights.length) {
-      const [low, high] = [Math.min(...heights), Math.max(...heights)].map(Math.round);
+      const [low, high] = [Math.min, Math.max].map((of) => Math.round(heights.reduce((a, b) => of(a, b))));
       this.#row(list, low === high ? `building, ${low} m` : `buildings, ${low} to ${high} m`, (ctx, theme) => {
         [0, 0.33, 0.67, 1].forEach((share, k) => {
           ctx.fillStyle = roof(theme, low / high + share * (1 - low / high));

@@ -12,6 +12,8 @@
 //   replay.where({what, index}, k)          its place on the map of run k (0), in pixels of the window
 //   replay.scale(k)                         the length of that map's scale bar, in metres and pixels
 //   replay.draw()                           draw once, now
+//   replay.heat(k)                          the heat map of run k that is shown (key h), or null
+//   replay.picture()                        what is shown now, as the address (data:) of a PNG
 // When they return, the change is drawn and announced.
 
 import { Camera } from "./camera.js";
@@ -23,6 +25,7 @@ import { Layout } from "./layout.js";
 import { Legend } from "./legend.js";
 import { clock, readTheme, setPalette, userWord } from "./palette.js";
 import { Panel } from "./panel.js";
+import { png, save } from "./picture.js";
 import { Player, SPEEDS } from "./player.js";
 import { byId, element } from "./rows.js";
 import { scaleOf } from "./scale.js";
@@ -52,6 +55,7 @@ function start() {
   let stale = true;
   let saidAt = 0;
   const redraw = () => { stale = true; };
+  for (const scene of scenes) scene.again = redraw;
 
   // ---- colours
   const darkByNature = window.matchMedia("(prefers-color-scheme: dark)");
@@ -138,6 +142,7 @@ function start() {
       scene.canvas.setAttribute("aria-label", `Map of episode ${player.episode.about.episode}, ${runs[k].policy}: `
         + `${run.drones} drones, ${run.users} users, ${run.map.stations.length} stations`);
       if (!player.selection) scene.selection = null;
+      if (scene.heat) scene.setHeat(scene.heat.name, player.states[k]);
     });
   });
   player.addEventListener("playing", () => {
@@ -156,7 +161,15 @@ function start() {
     byId("speed").setAttribute("aria-valuetext", `${player.speed} times`);
     byId("speed-now").textContent = `${player.speed} ×`;
   });
-  wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark });
+  const picture = () => {
+    draw();
+    return png(runs, player, scenes, timeline);
+  };
+  const keep = () => {
+    draw();
+    save(runs, player, scenes, timeline);
+  };
+  wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark, keep });
   player.setSpeed(60);
 
   const show = () => {
@@ -176,7 +189,7 @@ function start() {
     byId("message").hidden = false;
     throw error;
   });
-  window.replay = scripted(runs, player, scenes, ready, draw, show);
+  window.replay = scripted(runs, player, scenes, ready, draw, show, picture);
 }
 
 /** The canvas of run k, under a caption if there are two. */
@@ -219,7 +232,7 @@ function addressOf(player) {
   return { read, write };
 }
 
-function scripted(runs, player, scenes, ready, draw, show) {
+function scripted(runs, player, scenes, ready, draw, show, picture) {
   const [run] = runs;
   const numbers = run.episodes.map((about) => about.episode);
   const moment = ({ k, i }) => {
@@ -260,6 +273,8 @@ function scripted(runs, player, scenes, ready, draw, show) {
       return { metres, pixels };
     },
     draw,
+    heat: (k = 0) => scenes[k].heat,
+    picture,
     state: (k = 0) => told(runs[k], player, player.states[k]),
   });
 }
@@ -269,7 +284,7 @@ function told(run, player, state) {
   const { episode } = state;
   const [x, y] = [new Float64Array(run.users), new Float64Array(run.users)];
   episode.userPlaces(state.tUs, x, y);
-  const { qoe1, qoe2, qoe3, reward, requests, completed, open, crashes } = state.measures();
+  const { qoe1, qoe2, qoe3, ...counts } = state.measures();
   return {
     episode: episode.about.episode,
     t_s: state.tUs / US,
@@ -303,8 +318,7 @@ function told(run, player, state) {
     })),
     stations: run.map.stations.map((_, s) => state.dock(s)),
     measures: {
-      qoe1_percent: qoe1, qoe2_iterations: qoe2, qoe3_percent: qoe3,
-      reward, requests, completed, open, crashes,
+      qoe1_percent: qoe1, qoe2_iterations: qoe2, qoe3_percent: qoe3, ...counts,
     },
   };
 }

@@ -30,7 +30,7 @@ export function readTheme() {
   const of = (name) => style.getPropertyValue(`--${name}`).trim();
   const theme = {};
   for (const name of ["paper", "map", "ink", "muted", "faint", "line", "grid", "accent",
-    "danger", "roof-low", "roof-high", "on-roof",
+    "danger", "street", "roof-low", "roof-high", "on-roof",
     "task-waiting", "task-sending", "task-computing", "task-own"]) theme[name] = of(name);
   return theme;
 }
@@ -62,6 +62,8 @@ export function trace(ctx, shape, x, y, r) {
 const POINTS = {
   triangle: [[0, -1.2], [1.1, 0.8], [-1.1, 0.8]],
   diamond: [[0, -1.25], [1.25, 0], [0, 1.25], [-1.25, 0]],
+  hexagon: Array.from({ length: 6 }, (_, k) => [1.1 * Math.cos((k * Math.PI) / 3), 1.1 * Math.sin((k * Math.PI) / 3)]),
+  shield: [[-1, -1], [1, -1], [1, 0.3], [0, 1.25], [-1, 0.3]],
   cross: [[-0.4, -1.1], [0.4, -1.1], [0.4, -0.4], [1.1, -0.4], [1.1, 0.4], [0.4, 0.4], [0.4, 1.1],
     [-0.4, 1.1], [-0.4, 0.4], [-1.1, 0.4], [-1.1, -0.4], [-0.4, -0.4]],
   star: Array.from({ length: 10 }, (_, k) => {

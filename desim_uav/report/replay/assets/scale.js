@@ -18,6 +18,49 @@ export function scaleOf(camera) {
   return { metres, pixels: metres * camera.pixelsPerMetre, text };
 }
 
+const ARROW_PX = 26;
+
+/** An arrow that shows where the wind blows to, above the map's lower edge, with its speed. */
+export function drawWind(scene) {
+  const { ctx, camera, run, theme } = scene;
+  const [east, north] = run.wind_mps;
+  const mps = Math.hypot(east, north);
+  if (!mps) return;
+  const text = `wind ${Number(mps.toFixed(1))} m/s`;
+  const [x, y] = [camera.width - camera.right - 44, camera.height - 44];
+  const ahead = camera.tilted ? turned(camera, east, north) : [east, -north];
+  const length = Math.hypot(...ahead);
+  const [dx, dy] = ahead.map((part) => (0.5 * ARROW_PX * part) / length);
+  ctx.globalAlpha = 0.85;
+  ctx.fillStyle = theme.paper;
+  ctx.beginPath();
+  ctx.roundRect(x - 38, y - 20, 76, 56, 6);
+  ctx.fill();
+  ctx.globalAlpha = 1;
+  ctx.strokeStyle = theme.ink;
+  ctx.lineWidth = 2;
+  ctx.beginPath();
+  ctx.moveTo(x - dx, y - dy);
+  ctx.lineTo(x + dx, y + dy);
+  for (const side of [1, -1]) {
+    ctx.moveTo(x + 0.3 * dx - 0.45 * side * dy, y + 0.3 * dy + 0.45 * side * dx);
+    ctx.lineTo(x + dx, y + dy);
+  }
+  ctx.stroke();
+  ctx.font = `500 11px ${FONT}`;
+  ctx.fillStyle = theme.ink;
+  ctx.textAlign = "center";
+  ctx.textBaseline = "middle";
+  ctx.fillText(text, x, y + 25);
+}
+
+/** A direction on the ground in the picture of a tilted map. */
+function turned(camera, east, north) {
+  const right = east * camera.cosYaw - north * camera.sinYaw;
+  const back = east * camera.sinYaw + north * camera.cosYaw;
+  return [right, -back * camera.sinPitch];
+}
+
 /** Draw the bar in the lower left corner. In perspective it is valid in the middle of the picture. */
 export function drawScale(scene) {
   const { ctx, camera, theme } = scene;

@@ -1,20 +1,24 @@
 // The map at an instant: ground, stations and their queues, users, links, drones and crashes.
 
+import { buildingsOf, drawBuildings } from "./city.js";
 import { drawCrashes, drawDrones, drawPaths, nameFallen } from "./drones.js";
+import { drawHeat, drawHeatKey, heatOf } from "./heat.js";
 import { ringsAt, typeOf } from "./links.js";
 import { droneColour, FONT } from "./palette.js";
 import { drawPoints } from "./points.js";
-import { drawScale } from "./scale.js";
+import { drawScale, drawWind } from "./scale.js";
 import { FLYING, RETURNING } from "./states.js";
 import { drawStations } from "./stations.js";
 import { drawLinks, drawUsers, drawWalk, MANY_USERS } from "./users.js";
 import { drawFlatGround } from "./view2d.js";
-import { circle, drawBuildings, drawTiltedGround } from "./view3d.js";
+import { circle, drawTiltedGround } from "./view3d.js";
 import { drawZones } from "./zones.js";
 
 const at = [0, 0, 0];
 const place = [0, 0, 0];
 const MANY_DRONES = 20;
+const MANY_BUILDINGS = 1000;
+const REST_MS = 150;
 const CLOSE_PX = 22; // of a cell: from there on each drone and pad of many has room
 
 export class Scene {
@@ -35,12 +39,20 @@ export class Scene {
     this.hover = null;
     this.followed = -1; // the drone that stays in the middle
     this.ratio = 1;
+    this.buildings = buildingsOf(run);
+    this.heat = null;
   }
 
   setTheme(theme) {
     this.theme = theme;
     this.sprites.clear();
-    this.backdropOf = null;
+    this.layers = {};
+  }
+
+  /** Show a heat map of the episode: "covered", "waiting", or null for none. */
+  setHeat(name, state) {
+    this.heat = name && state ? heatOf(state, name) : null;
+    this.layers = {};
   }
 
   /** Fit the canvas to its box, some pixels of which are covered at the left and right. */
@@ -51,7 +63,7 @@ export class Scene {
     this.canvas.height = Math.round(height * this.ratio);
     this.camera.resize(width, height, left, right);
     this.sprites.clear();
-    this.backdropOf = null;
+    this.layers = {};
   }
 
   draw(state) {
@@ -59,15 +71,16 @@ export class Scene {
     this.state = state;
     if (this.followed >= 0) camera.follow(...state.episode.dronePlace(this.followed, state.tUs, place));
     this.#locate();
-    ctx.setTransform(1, 0, 0, 1, 0, 0);
-    this.#drawBackdrop();
+    this.#drawLayer("ground", (layer) => this.#drawGround(layer));
     ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     ctx.lineJoin = ctx.lineCap = "round";
     this.#drawFootprints();
     drawPaths(this);
     drawWalk(this);
     drawUsers(this);
-    if (camera.tilted) drawBuildings(ctx, this.run, camera, this.theme);
+    if (camera.tilted && this.buildings.length) {
+      this.#drawLayer("city", (layer) => drawBuildings(layer, this.buildings, camera, this.theme, this.#moves()));
+    }
     drawLinks(this);
     drawStations(this);
     drawPoints(this);
@@ -76,6 +89,9 @@ export class Scene {
     nameFallen(this);
     this.#drawRing();
     drawScale(this);
+    drawWind(this);
+    this.#nameSource();
+    if (this.heat) drawHeatKey(this);
   }
 
   /** Move the map so that the chosen thing is visible. */
@@ -139,22 +155,60 @@ export class Scene {
 
   // ---- layers
 
-  #drawBackdrop() {
-    const { camera, theme, run } = this;
-    const key = `${camera.stamp} ${this.ratio}`;
-    if (this.backdropOf !== key) {
-      this.backdrop ??= document.createElement("canvas");
-      this.backdrop.width = this.canvas.width;
-      this.backdrop.height = this.canvas.height;
-      const ctx = this.backdrop.getContext("2d");
-      ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-      ctx.fillStyle = theme.paper;
-      ctx.fillRect(0, 0, camera.width, camera.height);
-      (camera.tilted ? drawTiltedGround : drawFlatGround)(ctx, run, camera, theme);
-      drawZones(ctx, run, camera, theme);
-      this.backdropOf = key;
+  /** Whether the view of a large city moves; when it rests, the city is drawn again in full. */
+  #moves() {
+    const moves = this.buildings.length > MANY_BUILDINGS && this.seenFrom !== this.camera.stamp;
+    this.seenFrom = this.camera.stamp;
+    clearTimeout(this.resting);
+    if (moves) {
+      this.resting = setTimeout(() => {
+        this.layers.city = null;
+        this.again?.();
+      }, REST_MS);
     }
-    if (this.backdrop.width && this.backdrop.height) this.ctx.drawImage(this.backdrop, 0, 0);
+    return moves;
+  }
+
+  /** Draw what changes with the view only; it is kept until the view changes. */
+  #drawLayer(name, paint) {
+    const { camera, canvas } = this;
+    const key = `${camera.stamp} ${this.ratio}`;
+    if (!canvas.width || !canvas.height) return;
+    const layer = this.layers[name] ?? { canvas: document.createElement("canvas") };
+    this.layers[name] = layer;
+    if (layer.key !== key) {
+      layer.canvas.width = canvas.width; // this clears it
+      layer.canvas.height = canvas.height;
+      const ctx = layer.canvas.getContext("2d");
+      ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+      ctx.lineJoin = ctx.lineCap = "round";
+      paint(ctx);
+      layer.key = key;
+    }
+    this.ctx.setTransform(1, 0, 0, 1, 0, 0);
+    this.ctx.drawImage(layer.canvas, 0, 0);
+    this.ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+  }
+
+  #drawGround(ctx) {
+    const { camera, theme, run } = this;
+    ctx.fillStyle = theme.paper;
+    ctx.fillRect(0, 0, camera.width, camera.height);
+    ctx.lineCap = "butt";
+    (camera.tilted ? drawTiltedGround : drawFlatGround)(ctx, run, camera, theme);
+    if (this.heat) drawHeat(ctx, this.heat, camera, theme);
+    drawZones(ctx, run, camera, theme);
+  }
+
+  /** Whose data the buildings are. */
+  #nameSource() {
+    const { ctx, camera, theme, run } = this;
+    if (!run.map.attribution) return;
+    ctx.font = `10px ${FONT}`;
+    ctx.textAlign = "right";
+    ctx.textBaseline = "alphabetic";
+    ctx.fillStyle = theme.muted;
+    ctx.fillText(run.map.attribution, camera.width - camera.right - 8, camera.height - 5);
   }
 
   #drawFootprints() {

@@ -46,6 +46,7 @@ export class State {
       atUs: 0, // up to when the integrals reach
       attachedUs: 0, unservedUs: 0, qoe1: 0, // integrals over time
       rate: 0, attached: 0, open: 0, serving: 0, asked: 0, done: 0, crashes: 0,
+      handovers: 0, outages: 0,
     };
     this.tUs = 0;
     this.#begin();
@@ -65,6 +66,18 @@ export class State {
     this.#goTo(countUpTo(event, t, last));
     this.#integrateTo(t);
     this.tUs = t;
+  }
+
+  /** Call a function at some times, in their order, and come back to the present instant. */
+  visit(times, look) {
+    const [next, tUs] = [this.sums.next, this.tUs];
+    for (const t of times) {
+      this.seek(t);
+      look(t);
+    }
+    this.#goTo(next);
+    this.tUs = tUs;
+    this.#integrateTo(tUs);
   }
 
   /** Go to the state right after event number i. */
@@ -349,6 +362,10 @@ export class State {
     this.sums.crashes += 1;
   }
 
+  _handover() { this.sums.handovers += 1; }
+
+  _outage() { this.sums.outages += 1; }
+
   #become(d, mode, station, tUs) {
     this.mode[d] = mode;
     this.station[d] = station;
@@ -370,6 +387,7 @@ export class State {
       completed: sums.done,
       open: sums.open,
       crashes: sums.crashes,
+      ...(run.graded ? { handovers: sums.handovers, outages: sums.outages } : {}),
     };
   }
 

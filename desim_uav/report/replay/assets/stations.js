@@ -1,6 +1,6 @@
 // Charging stations on the map: their pads, and the drones that wait for one.
 
-import { drawBattery, drawBody } from "./drones.js";
+import { drawBattery, drawBody, shapeOf } from "./drones.js";
 
 const BOLT = [[1.5, -7], [-5, 1.5], [-0.5, 1.5], [-1.5, 7], [5, -1.5], [0.5, -1.5]];
 
@@ -79,5 +79,5 @@ function drawDocked(scene, d, x, y, hollow) {
   drone.py = y;
   drone.drawn = true;
   drawBattery(scene.ctx, scene.theme, scene.batteryOf(d), x, y, 9.5, 2);
-  drawBody(scene.ctx, scene.theme, d, x, y, 7, hollow);
+  drawBody(scene.ctx, scene.theme, d, x, y, 7, hollow, true, shapeOf(scene.run, d));
 }

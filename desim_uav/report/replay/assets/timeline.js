@@ -4,6 +4,7 @@ import { forkUs } from "./fork.js";
 import { typeOf } from "./links.js";
 import { hasTasks, PARTS, partColour, spellsOf } from "./tasks.js";
 import { clock, droneColour, FONT, inSteps, percent, shortClock, span } from "./palette.js";
+import { roundDown } from "./scale.js";
 
 const MARKS = 20;
 const AXIS = 18;
@@ -11,6 +12,7 @@ const GAP = 7;
 const RIGHT = 12;
 const SLOW_PATHS = 20;
 const SHORT_US = 10_000;
+const ROOM_FOR_TWO = 30; // pixels of a lane: below this height only its greatest value is written
 const FLAT = 90; // below this height there is no room for charts
 const LETTERS = ["A", "B"];
 const DASHES = [[], [5, 3]]; // of two runs
@@ -134,6 +136,7 @@ export class Timeline {
         ctx.lineTo(this.width - RIGHT, Math.round(y) + 0.5);
       }
       ctx.stroke();
+      if (lane.lines.length) this.#drawScale(ctx, lane, top, height);
       const toY = (value) => bottom - ((value - lane.low) / (lane.high - lane.low)) * height;
       for (const line of lane.lines) this.#drawLine(ctx, line, toY);
       for (const { part, fromUs, untilUs } of lane.spells ?? []) {
@@ -147,6 +150,29 @@ export class Timeline {
     this.#drawMarks(ctx);
     this.#drawFork(ctx);
     this.stale = false;
+  }
+
+  /** The greatest round value of a lane, with a line, and 0. */
+  #drawScale(ctx, lane, top, height) {
+    const { theme } = this;
+    const toY = (value) => top + height - ((value - lane.low) / (lane.high - lane.low)) * height;
+    const most = roundDown(lane.high);
+    const text = lane.scale ?? ((value) => String(+value.toPrecision(2)));
+    ctx.font = `10px ${FONT}`;
+    ctx.textAlign = "left";
+    ctx.strokeStyle = theme.grid;
+    ctx.fillStyle = theme.muted;
+    for (const value of height > ROOM_FOR_TWO ? [0, most] : [most]) {
+      const y = toY(value);
+      ctx.lineWidth = 1;
+      ctx.beginPath();
+      ctx.moveTo(this.left, Math.round(y) + 0.5);
+      ctx.lineTo(this.width - RIGHT, Math.round(y) + 0.5);
+      ctx.stroke();
+      ctx.textBaseline = y < top + 11 ? "top" : "alphabetic";
+      ctx.fillText(text(value), this.left + 3, ctx.textBaseline === "top" ? y + 2 : y - 2);
+    }
+    ctx.font = `11px ${FONT}`;
   }
 
   /** Without charts: a slider. */
@@ -338,6 +364,8 @@ export class Timeline {
   }
 }
 
+const inPercent = (value) => `${value} %`;
+
 /** The measures of two runs on the same scale, the second one dashed. */
 function lanesOfTwo(states) {
   const most = (lines, least) => lines.reduce((high, { values }) => (
@@ -374,7 +402,7 @@ function lanesOf(run, state) {
   ];
   const lanes = [
     {
-      low: 0, high: 100, share: 1.6, lines: [qoe1, qoe3],
+      low: 0, high: 100, share: 1.6, lines: [qoe1, qoe3], scale: inPercent,
       labels: ([now]) => [
         { text: `QoE1 ${percent(now.qoe1)}`, line: qoe1 },
         { text: `QoE3 ${percent(now.qoe3)}`, line: qoe3 },
@@ -389,7 +417,7 @@ function lanesOf(run, state) {
       labels: ([now]) => [{ text: `reward ${now.reward.toFixed(2)}` }],
     },
     {
-      low: 0, high: bandwidthLimit(run, course), lines: [{ tUs: course.tUs, values: course.usedBps }],
+      low: 0, high: bandwidthLimit(run, course), scale: (bps) => `${+(bps / 1e6).toPrecision(2)}`, lines: [{ tUs: course.tUs, values: course.usedBps }],
       labels: (_, at, narrow) => {
         const used = at.usedBps.reduce((sum, b) => sum + b, 0) / 1e6;
         return narrow ? [{ text: `${used.toFixed(2)} Mbit/s` }]
@@ -441,7 +469,7 @@ function queueLane(run, course) {
 /** The mean age of all sensors. */
 function ageLane(course) {
   return {
-    low: 0, high: 1.05 * course.ageUs.reduce((a, b) => Math.max(a, b), 1),
+    low: 0, high: 1.05 * course.ageUs.reduce((a, b) => Math.max(a, b), 1), scale: span,
     lines: [{ tUs: course.tUs, values: course.ageUs }],
     labels: (_, at) => [{ text: `age ${span(at.meanAgeUs())}` }],
   };
@@ -475,7 +503,7 @@ function powerLane(run, episode) {
   const most = lines.flatMap(({ values }) => values).reduce((a, b) => Math.max(a, b), 1);
   return {
     low: 0, high: 1.05 * most, lines,
-    labels: () => [{ text: "power" }, { text: `0 to ${most.toFixed(0)} W` }],
+    scale: (watts) => `${watts} W`, labels: () => [{ text: "power" }],
   };
 }
 
@@ -493,7 +521,7 @@ function batteryLane(run, episode) {
     });
   }
   return {
-    low: 0, high: 100, lines,
-    labels: () => [{ text: "battery %" }],
+    low: 0, high: 100, lines, scale: inPercent,
+    labels: () => [{ text: "battery" }],
   };
 }

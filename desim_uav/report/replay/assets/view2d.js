@@ -1,6 +1,6 @@
 // The ground of the flat map: cells, buildings by height, clusters.
 
-import { between } from "./palette.js";
+import { drawFootprints, drawStreets, roof } from "./city.js";
 
 const at = [0, 0, 0];
 
@@ -15,7 +15,8 @@ export function drawFlatGround(ctx, run, camera, theme) {
   ctx.font = "11px system-ui, sans-serif";
   ctx.textBaseline = "top";
   ctx.textAlign = "left";
-  for (let ix = 0; ix < nx; ix += 1) {
+  const cells = run.map.buildings.length ? 0 : nx; // buildings with footprints are drawn instead
+  for (let ix = 0; ix < cells; ix += 1) {
     for (let iy = 0; iy < ny; iy += 1) {
       const height = heights[ix][iy];
       if (height <= 0) continue;
@@ -27,6 +28,8 @@ export function drawFlatGround(ctx, run, camera, theme) {
       ctx.fillText(`${Math.round(height)} m`, x + 4, y + 4);
     }
   }
+  drawStreets(ctx, run, camera, theme);
+  drawFootprints(ctx, run, camera, theme);
   if (Math.min(dx, dy) > 4) drawGrid(ctx, [left, top, right, bottom], [nx, ny], theme);
   ctx.strokeStyle = theme.line;
   ctx.lineWidth = 1;
@@ -60,6 +63,3 @@ function drawGrid(ctx, [left, top, right, bottom], [nx, ny], theme) {
   }
   ctx.stroke();
 }
-
-/** The shade of a building, stronger for taller ones. */
-export const roof = (theme, share) => between(theme["roof-low"], theme["roof-high"], share);

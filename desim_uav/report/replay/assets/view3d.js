@@ -1,8 +1,6 @@
-// The city in perspective: the ground, and buildings as boxes, the farther ones first. Boxes are
-// translucent, so that no user is hidden.
+// The ground in perspective.
 
-import { between } from "./palette.js";
-import { roof } from "./view2d.js";
+import { drawStreets } from "./city.js";
 
 const at = [0, 0, 0];
 
@@ -19,6 +17,7 @@ export function drawTiltedGround(ctx, run, camera, theme) {
     for (let iy = 1; iy < ny; iy += 1) line(ctx, camera, 0, (iy * depth) / ny, width, (iy * depth) / ny);
     ctx.stroke();
   }
+  drawStreets(ctx, run, camera, theme);
   polygon(ctx, camera, [[0, 0], [width, 0], [width, depth], [0, depth]], 0);
   ctx.strokeStyle = theme.line;
   ctx.stroke();
@@ -31,49 +30,6 @@ export function drawTiltedGround(ctx, run, camera, theme) {
   }
   ctx.setLineDash([]);
   ctx.globalAlpha = 1;
-}
-
-export function drawBuildings(ctx, run, camera, theme) {
-  const { size_m: [width, depth], cells: [nx, ny], cell_height_m: heights } = run.map;
-  const [dx, dy] = [width / nx, depth / ny];
-  const boxes = [];
-  for (let ix = 0; ix < nx; ix += 1) {
-    for (let iy = 0; iy < ny; iy += 1) {
-      const height = heights[ix][iy];
-      if (height > 0) {
-        boxes.push([camera.depth((ix + 0.5) * dx, (iy + 0.5) * dy, 0), ix * dx, iy * dy, height]);
-      }
-    }
-  }
-  boxes.sort((a, b) => b[0] - a[0]);
-  ctx.globalAlpha = 0.82;
-  ctx.lineWidth = 1;
-  for (const [, x, y, height] of boxes) drawBox(ctx, camera, theme, [x, y, dx, dy, height]);
-  ctx.globalAlpha = 1;
-}
-
-function drawBox(ctx, camera, theme, [x, y, dx, dy, height]) {
-  const top = roof(theme, 0.25 + (0.75 * height) / camera.tallest);
-  ctx.strokeStyle = theme.map;
-  const sides = [ // those that look to the viewer
-    camera.cosYaw > 0 ? [[x, y], [x + dx, y]] : [[x, y + dy], [x + dx, y + dy]],
-    camera.sinYaw > 0 ? [[x, y], [x, y + dy]] : [[x + dx, y], [x + dx, y + dy]],
-  ];
-  sides.forEach(([[x0, y0], [x1, y1]], k) => {
-    ctx.beginPath();
-    for (const [px, py, z] of [[x0, y0, 0], [x1, y1, 0], [x1, y1, height], [x0, y0, height]]) {
-      camera.project(px, py, z, at);
-      ctx.lineTo(at[0], at[1]);
-    }
-    ctx.closePath();
-    ctx.fillStyle = between(top, "#101418", k ? 0.32 : 0.18);
-    ctx.fill();
-    ctx.stroke();
-  });
-  polygon(ctx, camera, [[x, y], [x + dx, y], [x + dx, y + dy], [x, y + dy]], height);
-  ctx.fillStyle = top;
-  ctx.fill();
-  ctx.stroke();
 }
 
 export function polygon(ctx, camera, corners, z) {

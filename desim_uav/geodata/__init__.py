@@ -1,0 +1,1 @@
+"""Files of maps in longitudes and latitudes, and their places in metres."""

@@ -1,0 +1,72 @@
+"""Reads GeoJSON (RFC 7946): features with their geometries, and their properties as tags."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+
+class Feature(NamedTuple):
+    """The name of a feature in messages, its geometry, and its properties as texts."""
+
+    name: str
+    geometry: dict[str, Any]
+    tags: dict[str, str]
+
+
+class GeoJson(NamedTuple):
+    """The features of a file, and whose data they are."""
+
+    features: list[Feature]
+    attribution: str
+
+
+def read(file: Path, content: bytes) -> GeoJson:
+    """Return what a file has. Raises ValueError with the file and the feature."""
+    data = _parsed(file, content)
+    attribution = data.get("attribution") or data.get("copyright") or ""
+    return GeoJson(list(_features(file, data)), attribution if isinstance(attribution, str) else "")
+
+
+def _parsed(file: Path, content: bytes) -> dict[str, Any]:
+    def refuse(name: str) -> NoReturn:
+        raise ValueError(f"{file}: {name} is no number of JSON")
+
+    try:
+        data = json.loads(content.decode("utf-8-sig"), parse_constant=refuse)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{file}: it is not UTF-8 text") from error
+    except json.JSONDecodeError as error:
+        where = f"{file}:{error.lineno}:{error.colno}"
+        raise ValueError(f"{where}: it is not JSON: {error.msg}") from error
+    except RecursionError as error:
+        raise ValueError(f"{file}: its lists are nested too deeply") from error
+    if not isinstance(data, dict):
+        raise ValueError(f"{file}: it is no GeoJSON, which is an object with a type")
+    return data
+
+
+def _features(file: Path, data: dict[str, Any]) -> Iterator[Feature]:
+    kind = data.get("type")
+    if kind not in ("FeatureCollection", "Feature"):
+        raise ValueError(f"{file}: type: {kind!r}: must be FeatureCollection or Feature")
+    features = data.get("features") if kind == "FeatureCollection" else [data]
+    if not isinstance(features, list):
+        raise ValueError(f"{file}: features: must be a list")
+    for number, feature in enumerate(features):
+        where = f"{file}: feature {number}"
+        if not isinstance(feature, dict):
+            raise ValueError(f"{where}: must be an object")
+        if "id" in feature:
+            where += f" ({str(feature['id'])[:60]})"
+        geometry, tags = feature.get("geometry"), feature.get("properties") or {}
+        if geometry is None:
+            continue
+        if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
+            raise ValueError(f"{where}: geometry: must be an object with a type")
+        if not isinstance(tags, dict):
+            raise ValueError(f"{where}: properties: must be an object")
+        texts = {key: str(value) for key, value in tags.items() if value is not None}
+        yield Feature(where, geometry, texts)
