@@ -169,13 +169,15 @@ def remind(policy: Policy, memory: object) -> None:
 def parts(name: str) -> tuple[str, str]:
     """Split a policy's name into its kind and its argument.
 
-    ``FILE.npz`` alone is a network or a dispatcher if it holds the weights of one, else a table.
+    ``FILE.npz`` alone is a network, a dispatcher or a planner if it holds the weights of one, else
+    a table.
     """
     kind, _, argument = name.partition(":")
     if name.endswith(".npz") and kind not in names("policy"):
         arrays = array_file.names_in(find_table(name))
-        if "dispatch" in arrays:
-            return "dispatcher", name
+        for array, learned in (("dispatch", "dispatcher"), ("planner", "planner")):
+            if array in arrays:
+                return learned, name
         return "mlp" if {"scale", "weights"} <= arrays else "table", name
     return kind, argument
 

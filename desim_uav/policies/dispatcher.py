@@ -1,19 +1,16 @@
 """A dispatcher of drones that fly to any place of the map, by a few numbers that are learned.
 
-The numbers come from a file of ``policies/dispatch.py``, which holds arrays and text but no code.
+The numbers come from a file of ``policies/evolve.py``, which holds arrays and text but no code.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav import array_file
-from desim_uav.checksums import verify
 from desim_uav.commands.given import Command
 from desim_uav.errors import PolicyError
 from desim_uav.model.motion.legs import leg_between
@@ -21,6 +18,7 @@ from desim_uav.model.motion.space import ANY_SPEED, flight_of
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import DECIDES, US, Action
 from desim_uav.model.state import Observation
+from desim_uav.policies.weights_file import weights_in
 from desim_uav.registry import register
 from desim_uav.shipped import find_table
 from desim_uav.world import World
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
     from desim_uav.engine.episode import Engine
 
 Floats = NDArray[np.float64]
-FORMAT = 1
 ARRAY = "dispatch"
 """The name of the array in a file, by which it is known from other policy files."""
 
@@ -47,6 +44,9 @@ WEIGHTS = {
     "stay": 0.3,  # added to the worth of where the drone is
 }
 """What is learned, with the values from which a training begins."""
+
+SCALES = dict.fromkeys(WEIGHTS, 1.0)
+"""By how much a training varies them."""
 
 LATTICE_M, FINER_M = 100.0, 30.0
 RESERVE = 0.005
@@ -68,26 +68,6 @@ def problem_of(world: World) -> str:
     return ""
 
 
-def to_bytes(weights: Floats, about: dict[str, Any]) -> bytes:
-    """Return the bytes of a policy file with the ``weights`` (len(WEIGHTS),)."""
-    described = about | {"format": FORMAT, "weights": [*WEIGHTS]}
-    return array_file.pack(described, **{ARRAY: np.asarray(weights, np.float64)})
-
-
-def weights_in(path: Path) -> Floats:
-    """Return the weights in a policy file. Raises PolicyError, which names it, if it is none."""
-    verify(path, strangers=True)
-    stored = array_file.Stored(path, "policy file", [ARRAY], FORMAT)
-    if stored.about.get("weights") != [*WEIGHTS]:
-        raise PolicyError(f"{path}: its weights must be {', '.join(WEIGHTS)}")
-    if stored.forms[ARRAY] != ((len(WEIGHTS),), np.dtype(np.float64)):
-        raise PolicyError(f"{path}: {ARRAY} must hold {len(WEIGHTS)} numbers (float64)")
-    weights: Floats = stored.arrays()[ARRAY]
-    if not np.isfinite(weights).all():
-        raise PolicyError(f"{path}: {ARRAY} has values that are not finite")
-    return weights
-
-
 @register("policy", "dispatcher")
 class Dispatcher:
     """Sends each free drone to the place that is worth most, or to a station before it is empty.
@@ -102,14 +82,21 @@ class Dispatcher:
     information = "all users and drones now: places, open requests, batteries; no future"
     file_of = staticmethod(find_table)
 
-    def __init__(self, file: str = "", weights: Floats | None = None) -> None:
+    def __init__(self, file: str = "", weights: dict[str, float] | None = None) -> None:
+        """Take the weights, or the file that they are read from.
+
+        Raises PolicyError if the file does not hold them.
+        """
         if not file and weights is None:
             raise ValueError("a dispatcher needs its file: dispatcher:policy.npz")
         self.name = file or "dispatcher"
-        values = weights_in(find_table(file)) if weights is None else weights
-        self.weights = dict(zip(WEIGHTS, map(float, values), strict=True))
+        self.weights = weights_in(ARRAY, WEIGHTS, file) if weights is None else weights
         self._world: World | None = None
         self._engine: Engine | None = None
+
+    def use(self, weights: dict[str, float]) -> None:
+        """Value places by other weights from now on."""
+        self.weights = weights
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Prepare for a world. Raises PolicyError if its drones cannot be commanded."""

@@ -26,6 +26,12 @@ OPTIONS = {
     "rounds": Option(2, 1, 100),
     "every": Option(1, 1, 1000),
     "age": Option(1.0, 0.0, 1000.0),
+    "discount": Option(0.0, 0.0, 10.0),
+    "share": Option(1.0, 0.0, 2.0),
+    "charge": Option(1.0, 0.0, 10.0),
+    "spread": Option(1.0, 0.0, 10.0),
+    "margin": Option(0.0, -0.9, 1.0),
+    "starts": Option(1, 1, 100),
 }
 
 BEYOND = 8
@@ -47,6 +53,11 @@ class Greedy:
 
     Each type of drones has places, moves, footprints and batteries of its own (``Ground``). Drones
     that fly freely plan over a lattice of points, and charge by returns.
+
+    With several ``starts``, plans are also made from nothing, and those worth most are kept. All
+    weights fall at the rate ``discount`` per step. The cover by another drone takes the ``share``
+    of a user's weight. ``charge``, ``spread`` and 1 + ``margin`` are factors of the worth of the
+    charge that is left, of the error of users' expected places, and of the radii of footprints.
 
     Plans contain when and where drones charge, and no plan lets a battery run empty.
     """
@@ -129,7 +140,7 @@ class Greedy:
     def in_rollouts(self, horizon: int) -> Greedy:
         """Return a policy that does nearly the same in simulations, but plans once in each."""
         plans_for = min(self.options["horizon"], horizon + BEYOND)
-        changes = {"horizon": plans_for, "every": horizon, "rounds": 1}
+        changes = {"horizon": plans_for, "every": horizon, "rounds": 1, "starts": 1}
         quick = Greedy(**{**self.options, **changes})
         quick._grounds = self._grounds
         return quick

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +15,12 @@ from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench.tasks import find_task
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import parts
-from desim_uav.policies.dispatcher import FORMAT, WEIGHTS, Dispatcher, problem_of, to_bytes
+from desim_uav.policies.dispatcher import ARRAY, WEIGHTS, Dispatcher, problem_of
+from desim_uav.policies.weights_file import FORMAT, to_bytes
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import find_table
 from desim_uav.world import World, build_world
 
-ROOT = Path(__file__).parents[2]
 TASK = find_task("uav-v1/dispatch/small").path
 
 
@@ -30,7 +29,7 @@ def world(**changes: str) -> World:
 
 
 def begun(of: World | None = None, **weights: float) -> Dispatcher:
-    policy = Dispatcher(weights=np.array([*(WEIGHTS | weights).values()]))
+    policy = Dispatcher(weights=WEIGHTS | weights)
     policy.begin(of or world(), None)  # type: ignore[arg-type]  # it draws nothing
     return policy
 
@@ -90,7 +89,7 @@ def test_worlds_it_cannot_fly_in_are_refused(key: str, value: str) -> None:
     changes = {key: value}
     if "battery" in key:
         changes = {"drones.battery": "null"}
-    policy = Dispatcher(weights=np.array([*WEIGHTS.values()]))
+    policy = Dispatcher(weights=WEIGHTS)
     other = world(**changes)
     assert problem_of(other)
     with pytest.raises(PolicyError, match="must"):
@@ -99,7 +98,7 @@ def test_worlds_it_cannot_fly_in_are_refused(key: str, value: str) -> None:
 
 def test_files_are_known_by_their_array_and_checked(tmp_path: Path) -> None:
     file = tmp_path / "own.npz"
-    file.write_bytes(to_bytes(np.array([*WEIGHTS.values()]), {}))
+    file.write_bytes(to_bytes(ARRAY, WEIGHTS, np.array([*WEIGHTS.values()]), {}))
     assert parts(str(file)) == ("dispatcher", str(file))
     assert load_policy(str(file)).weights == WEIGHTS  # type: ignore[attr-defined]
     bad = [np.full(len(WEIGHTS), np.nan), np.zeros(3), np.zeros(len(WEIGHTS), np.float32)]
@@ -112,31 +111,3 @@ def test_files_are_known_by_their_array_and_checked(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match="its weights must be wait, age"):
         load_policy(str(file))
     assert find_table("dispatch.npz").stat().st_size < 200_000
-
-
-@pytest.fixture(scope="module")
-def trainer() -> Any:
-    spec = importlib.util.spec_from_file_location("dispatch_script", ROOT / "policies/dispatch.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.mark.thorough
-def test_a_training_is_the_same_again_and_keeps_to_its_steps(trainer: Any, tmp_path: Path) -> None:
-    contents = []
-    for name in ("one.npz", "two.npz"):
-        asked = ["--population", "4", "--episodes", "1", "--steps", "1500", "--out"]
-        assert trainer.main([str(TASK), *asked, str(tmp_path / name)]) == 0
-        contents.append(load_policy(str(tmp_path / name)).weights)  # type: ignore[attr-defined]
-    assert contents[0] == contents[1] != WEIGHTS
-
-
-@pytest.mark.parametrize("asked", [["case8"], [str(TASK), "--population", "3"]])
-def test_what_cannot_be_trained_ends_with_code_2(
-    trainer: Any, tmp_path: Path, asked: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert trainer.main([*asked, "--out", str(tmp_path / "none.npz")]) == 2
-    assert "must be" in capsys.readouterr().err
-    assert not (tmp_path / "none.npz").exists()

@@ -179,7 +179,8 @@ def test_the_best_plan_of_a_line_by_hand():
     charge_us, needs = np.array([60, 48, 36, 24, 12, 0]), np.array([1, 2, 3])
     free = free_steps(np.zeros((1, 6), np.int64), 1)
     value, best = values_of(
-        gained, *tables, stations, stations, returns, -1, charge_us, 60, needs, free, (0.0, 0.0), 0
+        *(gained, *tables, stations, stations, returns, -1, charge_us, 60, needs, free),
+        *((0.0, 0.0), (0, 0, 2)),
     )
     # It charges for a step (to five units), flies to place 2 and at once back, which takes it to
     # place 1 with two units: half a step's gain on the way there and half on the way back.

@@ -534,8 +534,8 @@ def test_numpy_numbers_are_commands():
         ("baselin", "unknown policy 'baselin' (did you mean 'baseline'?)"),
         (
             "RANDOM",
-            "allowed: baseline, clairvoyant, dispatcher, greedy, hover, mlp, random, rllib, "
-            "rollout, sb3, script, table, tour",
+            "allowed: baseline, clairvoyant, dispatcher, greedy, hover, mlp, planner, random, "
+            "rllib, rollout, sb3, script, table, tour",
         ),
         ("", "unknown policy"),
         (f"{HERE}:Deaf", "no method 'act'"),

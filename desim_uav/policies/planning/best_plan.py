@@ -45,12 +45,43 @@ def free_steps(busy: Ints, pads: int) -> Ints:
     return free
 
 
+@maker
+def _can_be(steps: int, drains: Ints, lasts: Ints, begins: int, full: int, units: int) -> Ints:
+    """Return the units of battery that a drone can have in each step: (steps + 1, full + 2).
+
+    The first number of a row is how many follow. A drone that begins with ``units`` may have
+    charged before any later step.
+    """
+    can_be = np.zeros((steps + 1, full + 2), np.int64)
+    may = np.zeros((steps + 1, full + 1), np.int8)
+    may[begins, units] = 1
+    may[begins + 1 :, full] = 1
+    for t in range(begins, steps + 1):
+        for b in range(full + 1):
+            if may[t, b] == 1:
+                can_be[t, 0] += 1
+                can_be[t, can_be[t, 0]] = b
+                for m in range(len(drains)):
+                    if b > drains[m]:
+                        may[min(t + lasts[m], steps), b - drains[m]] = 1
+    return can_be
+
+
 @part
 def _move(
-    top: Floats, which: NDArray[np.int8], move: int, gain: float, then: Floats, drain: int
+    top: Floats,
+    which: NDArray[np.int8],
+    move: int,
+    gain: float,
+    then: Floats,
+    drain: int,
+    can_be: Ints,
 ) -> None:
     """Let a drone move with each battery for which that is better than what is known so far."""
-    for b in range(1 + drain, len(top)):
+    for k in range(1, can_be[0] + 1):
+        b = can_be[k]
+        if b <= drain:
+            continue
         worth = gain + then[b - drain]
         if worth > top[b] + EPS:
             top[b], which[b] = worth, move
@@ -88,10 +119,11 @@ def values_of(
     needs: Ints,
     free: Ints,
     rates: tuple[float, float],
-    begins: int,
+    start: tuple[int, int, int],
 ) -> tuple[Floats, NDArray[np.int8]]:
     """Return the value of each (step, place, units of battery), and the best action there.
 
+    Only units that a drone can have that begins at ``start`` (step, place, units) have values.
     Action k < moves is a move, ``moves`` is the return to a station, ``moves`` + 1 the charge. A
     crash is worth ``LOST``. In the first half of a move that lasts for several steps, a drone
     counts as where it has begun. See ``Ground`` for the tables; a step here is a tick there.
@@ -104,7 +136,8 @@ def values_of(
     for p in range(places):
         for b in range(full + 1):
             value[steps, p, b] = rates[0] * b + (0.0 if b >= needs[p] else LOST)
-    for t in range(steps - 1, begins - 1, -1):
+    units = _can_be(steps, drains, lasts, start[0], full, start[2])
+    for t in range(steps - 1, start[0] - 1, -1):
         for p in range(places):
             top, which = value[t, p], best[t, p]
             top[:] = LOST
@@ -119,9 +152,12 @@ def values_of(
                         gain += gained[1, k - 1, rings[at], cells[at]]
                         gain += gained[0, k, rings[at], cells[at]]
                     gain += gained[1, end - 1, rings[q], cells[q]]
-                    _move(top, which, m, gain, value[end, q], drains[m])
+                    _move(top, which, m, gain, value[end, q], drains[m], units[t])
             if station >= 0:
-                for b in range(1, full):
+                for k in range(1, units[t, 0] + 1):
+                    b = units[t, k]
+                    if b in (0, full):
+                        continue
                     end = _charged_by(free, station, t, -(-charge_us[b] // step_us))
                     _take(top, which, b, moves + 1, _after(value, end, p, rates[1]))
             if returns[p, 3] == 1:

@@ -12,7 +12,7 @@ from desim_uav.commands.given import Command
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation
-from desim_uav.policies.planning.best_plan import LOST, free_steps, plan_of, values_of
+from desim_uav.policies.planning.best_plan import EPS, LOST, free_steps, plan_of, values_of
 from desim_uav.policies.planning.cover import covered_shares, gains
 from desim_uav.policies.planning.ground import Ground
 from desim_uav.policies.planning.sight import PlanningSight
@@ -35,6 +35,12 @@ class Habits(NamedTuple):
     fade: float
     rounds: int
     age: float = 1.0
+    discount: float = 0.0
+    share: float = 1.0
+    charge: float = 1.0
+    spread: float = 1.0
+    margin: float = 0.0
+    starts: int = 1
 
 
 def horizon_of(grounds: Sequence[Ground], habits: Habits) -> int:
@@ -60,11 +66,12 @@ class TeamPlanner:
     """The plans of all drones from one decision epoch on.
 
     ``plans`` (drones, ticks, 3) has the action, the place and the age of each drone's action in
-    each tick (see ``best_plan.plan_of``).
+    each tick (see ``best_plan.plan_of``). ``ends`` (drones,) is what comes after the plans, as the
+    dynamic program values it; with one start nobody asks for it.
     """
 
     def __init__(self, grounds: Sequence[Ground], sight: PlanningSight, habits: Habits) -> None:
-        self.grounds, self.sight = grounds, sight
+        self.grounds, self.sight, self.habits = grounds, sight, habits
         self.world, self.tick_us = grounds[0].world, grounds[0].tick_us
         world = self.world
         self.goes_on = world.scenario.episode.carry_over
@@ -72,10 +79,13 @@ class TeamPlanner:
         if not self.goes_on:
             self.steps = min(self.steps, sight.left)
         self.worth, self.called = self._worth(habits)
-        expected = sight.expected(grounds[0], self.steps)
+        places_m, spread_m = sight.expected(grounds[0], self.steps)
+        spread_m = habits.spread * spread_m
         each = {id(ground): ground for ground in grounds}
         shares = {
-            key: covered_shares(*expected, ground.centres_m, ground.radii_m)
+            key: covered_shares(
+                places_m, spread_m, ground.centres_m, (1.0 + habits.margin) * ground.radii_m
+            )
             for key, ground in each.items()
         }
         self.shares = [shares[id(ground)] for ground in grounds]
@@ -83,6 +93,7 @@ class TeamPlanner:
         self.plans = np.full((drones, self.steps, 3), -1)
         self.covers = np.zeros((drones, *self.worth.shape))
         self.busy = np.zeros((drones, stations, self.steps), np.int64)
+        self.ends, self.rates, self.settled = np.full(drones, LOST), [(0.0, 0.0)] * drones, False
         for d in range(drones):
             self._hold(d)
 
@@ -97,6 +108,9 @@ class TeamPlanner:
         called = np.zeros_like(worth)
         called[: len(faded)] = habits.waiting * faded[:, None] * self.sight.backlog
         worth[: len(faded)] += habits.age * self.sight.ages
+        if habits.discount:
+            later = np.arange(self.steps)[:, None] * (self.tick_us / self.world.step_us)
+            worth, called = (part * np.exp(-habits.discount * later) for part in (worth, called))
         world = self.world
         links_of_points = world.links[len(world.types) :]
         for links, point in zip(links_of_points, world.scenario.access_points, strict=True):
@@ -124,18 +138,43 @@ class TeamPlanner:
             self._hold(d)
 
     def improve(self, rounds: int) -> None:
-        """Let each drone in turn take its best plan, until none changes or for so many rounds."""
+        """Let each drone in turn take its best plan, until none changes or for so many rounds.
+
+        With several ``starts``, the other ones begin without plans and take the drones in an order
+        that is drawn; the plans with the greatest ``total`` are kept.
+        """
         free = [d for d, one in enumerate(self.sight.drones) if one.ready < self.steps]
         free.sort(key=lambda d: (self.sight.drones[d].units, d))
-        for _ in range(rounds):
-            changed = [self._change(d) for d in free]
-            if not any(changed):
+        self._in_turn(free, rounds)
+        for start in range(1, self.habits.starts if len(free) > 1 else 0):
+            self.settled, most = True, self.total()
+            before = self.plans.copy(), self.covers.copy(), self.busy.copy(), self.ends.copy()
+            for d in free:
+                self.plans[d] = -1
+                self._hold(d)
+            rng = np.random.default_rng([self.sight.left, start])
+            self._in_turn(rng.permutation(free).tolist(), rounds)
+            if self.total() <= most + EPS:
+                self.plans, self.covers, self.busy, self.ends = before
+
+    def _in_turn(self, order: Sequence[int], rounds: int) -> None:
+        """Let each drone in turn change its plan, until this would change none any more."""
+        lasting = 0
+        for drone in [*order] * rounds:
+            lasting = 1 if self._change(drone) else lasting + 1
+            if lasting == len(order):
                 break
+
+    def total(self) -> float:
+        """Return what all plans together are worth, with what comes after them (``ends``)."""
+        together = 1.0 - np.prod(1.0 - self.covers, axis=0)
+        together += (1.0 - self.habits.share) * (self.covers.sum(axis=0) - together)
+        return float(((self.worth + self.called) * together).sum() + self.ends.sum())
 
     def _change(self, drone: int) -> bool:
         """Let a drone take the best plan for what the others leave; return whether it is new."""
         ground, standing = self.grounds[drone], self.sight.drones[drone]
-        _, free, _, best = self._values(drone)
+        _, free, value, best = self._values(drone)
         plan = plan_of(
             best,
             ground.after,
@@ -151,15 +190,27 @@ class TeamPlanner:
         changed = not np.array_equal(plan, self.plans[drone])
         self.plans[drone] = plan
         self._hold(drone)
+        if self.habits.starts > 1:
+            gain = (self._left(drone) * self.covers[drone]).sum()
+            self.ends[drone] = value[standing.ready, standing.place, standing.units] - gain
         return changed
+
+    def _left(self, drone: int) -> Floats:
+        """Return what the cover of each user by a drone is worth with what the others cover."""
+        others = np.arange(len(self.plans)) != drone
+        left = np.prod(1.0 - self.covers[others], axis=0)
+        left += (1.0 - self.habits.share) * (1.0 - left)
+        worth: Floats = self._worth_to(drone) * left
+        return worth
 
     def _values(self, drone: int) -> tuple[Floats, Ints, Floats, NDArray[np.int8]]:
         """Return gains, free pads and ``values_of`` of a drone, for what the others leave."""
         ground, standing = self.grounds[drone], self.sight.drones[drone]
         others = np.arange(len(self.plans)) != drone
-        left = np.prod(1.0 - self.covers[others], axis=0)
-        gained = gains(self.shares[drone], self._worth_to(drone) * left)
+        gained = gains(self.shares[drone], self._left(drone))
         free = free_steps(self.busy[others].sum(axis=0), ground.world.scenario.stations.pads)
+        if not self.settled:
+            self.rates[drone] = self._rates(ground, gained)
         values = values_of(
             gained,
             ground.after,
@@ -175,8 +226,8 @@ class TeamPlanner:
             self.tick_us,
             self._needs(ground),
             free,
-            self._rates(ground, gained),
-            standing.ready,
+            self.rates[drone],
+            (standing.ready, standing.place, standing.units),
         )
         return gained, free, *values
 
@@ -221,7 +272,7 @@ class TeamPlanner:
         """
         if not self.goes_on or not ground.limited:
             return 0.0, 0.0
-        gain = float(gained.sum(axis=0).max(axis=(1, 2)).mean())
+        gain = self.habits.charge * float(gained.sum(axis=0).max(axis=(1, 2)).mean())
         takes = ground.charge_us[0] / self.tick_us
         return gain * takes / (ground.full + takes), gain * ground.full / (ground.full + takes)
 
