@@ -69,6 +69,6 @@ def test_equal_numbers_of_other_types_have_fits_of_their_own():
     known = _fits.cache_info().misses
     for at_1m_db in (1, 1.0, 0.0, -0.0):
         loss, budget = LogDistance(2.0, at_1m_db), LinkBudget(0.0, 5.0, 7.0, -174.0)
-        radio = SimpleNamespace(path_loss=loss, carrier_ghz=2.0, budget=budget, ladder=[one])
+        radio = SimpleNamespace(loss=loss, carrier_ghz=2.0, budget=budget, ladder=[one])
         fits_of(radio, LEVELS_M, (0.0,))
     assert _fits.cache_info().misses == known + 4
