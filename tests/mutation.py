@@ -149,8 +149,8 @@ MUTATIONS = (
     Mutation(
         "events of one instant in the order in which they were scheduled, SimPy engine",
         "engine/des/clock.py",
-        "_schedule(self, event, priority, delay)",
-        "_schedule(self, event, 1, delay)",
+        "t_us, key, True, True\n",
+        "t_us, 1, True, True\n        key = 1\n",
         ("engine/test_crashes.py",),
     ),
     Mutation(

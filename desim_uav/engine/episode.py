@@ -6,6 +6,7 @@ import math
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from operator import attrgetter, itemgetter
 from typing import Any, ClassVar
 
@@ -154,39 +155,50 @@ class Engine(CarryOver):
         names = self.term_names
         return tuple(dict(zip(names, map(float, one.terms), strict=True)) for one in self.drones)
 
+    @cached_property
+    def _facts(self) -> list[tuple[int, float | None, int, bool, int]]:
+        """What observations contain or need of each drone that does not change.
+
+        It is the number of steps, the capacity in seconds of hovering and the charge that one of
+        them takes, whether it flies freely, and the number of its first plan.
+        """
+        world, numbers, facts = self.world, self.world.type_numbers, []
+        places = math.prod(world.grid.blocked.shape)
+        for number, ceiling in zip(numbers, self.settings.ceilings, strict=True):
+            seen, own = world.facts_of_types[number], world.types[number]
+            first = self.constants.types[number].first_plan + ceiling * places
+            facts.append((seen.steps, seen.capacity_s, own.drain_per_s, own.free, first))
+        return facts
+
     def observations(self) -> tuple[Observation, ...]:
         """Return the drones' observations at the present decision epoch."""
-        world, counts = self.world, self.entries("counts")
-        step = int(self.state.now_us) // world.step_us
-        places = math.prod(world.grid.blocked.shape)
-        observations, first, services = [], 0, len(world.services.names)
-        first_plans = [own.first_plan for own in self.constants.types]
-        for index, (row, ceiling, features) in enumerate(
-            zip(self.entries("observations"), self.settings.ceilings, self.features(), strict=True)
+        counts, services = self.entries("counts"), len(self.world.services.names)
+        step = int(self.state.now_us) // self.world.step_us
+        observations, first, index = [], 0, 0
+        for (steps, capacity_s, drain_per_s, free, first_plan), row, features in zip(
+            self._facts, self.entries("observations"), self.features(), strict=True
         ):
-            station = duration_s = drained_s = None
-            number = world.type_numbers[index]
-            facts = world.facts_of_types[number]
-            capacity_s, drain_per_s = facts.capacity_s, world.types[number].drain_per_s
+            station = duration_s = drained_s = charge_s = None
             if capacity_s is not None:
-                drained_s = math.inf
-                if world.types[number].free:
+                charge_s, drained_s = row.charge / drain_per_s, math.inf
+                if free:
                     plan = self.drones[index].course.home
                 else:
-                    plan = self.plan(first_plans[number] + ceiling * places + row.believed)
+                    plan = self.plan(first_plan + row.believed)
                 if plan.station >= 0:
                     station, duration_s = plan.station, plan.duration_us / US
                     drained_s = plan.drain / drain_per_s
+            after = first + services
             observations.append(
                 observation_of(
                     (
                         index,
                         step,
-                        facts.steps,
+                        steps,
                         (row.x, row.y),
                         row.level,
                         MODES[row.mode],
-                        None if capacity_s is None else row.charge / drain_per_s,
+                        charge_s,
                         capacity_s,
                         drained_s,
                         row.attached_users,
@@ -194,13 +206,13 @@ class Engine(CarryOver):
                         row.used_hz / 1000,
                         station,
                         duration_s,
-                        tuple(counts[first : first + services]),
-                        tuple(counts[first + services : first + 2 * services]),
+                        tuple(counts[first:after]),
+                        tuple(counts[after : after + services]),
                         features,
                     )
                 )
             )
-            first += 2 * services
+            first, index = after + services, index + 1
         return tuple(observations)
 
     def snapshot(self) -> Snapshot:

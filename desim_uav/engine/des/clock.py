@@ -10,21 +10,25 @@ import simpy
 Process = Generator[simpy.Event, Any, None]
 """A generator that SimPy runs as a process."""
 
-_schedule = simpy.Environment.schedule
+_schedule: Callable[..., None] = simpy.Environment.schedule
 
 
 class Due(simpy.Event):
     """A SimPy event that is scheduled for a time and with a key (see ``rules.due.key``).
 
-    ``valid`` says that it has been scheduled and not cancelled since.
+    When it has been processed it can be used ``again``. ``valid`` says that it has been scheduled
+    and not cancelled since, and ``queued`` that it has been scheduled and not used again since.
     """
 
-    valid = False
+    t_us: int
+    key: int
+    valid = queued = again = False
 
-    def happen(self, t_us: int, key: int) -> None:
-        """Schedule the event for a time; ``key`` is its rank in that instant."""
-        self.t_us, self.key, self.valid = t_us, key, True
-        self.succeed()
+    def has_happened(self) -> bool:
+        """Return whether the event, which has been processed, was valid; let it be used again."""
+        happened, self.callbacks = self.valid, []
+        self.valid, self.queued, self.again = False, False, True
+        return happened
 
 
 class Clock(simpy.Environment):
@@ -34,9 +38,9 @@ class Clock(simpy.Environment):
     priorities: a process that is interrupted or gets a resource continues before the next event of
     the rules.
 
-    Each slot has one of the ``events``, for which a process waits, and which this process replaces
-    by a new one when it has been processed. If the slot is given a new time before, a new event
-    replaces it and takes over its callbacks.
+    Each slot has one of the ``events``, for which a process waits again and again. If the slot is
+    given a new time before the event is processed, a new event replaces it and takes over its
+    callbacks.
     """
 
     def __init__(self, slots: int, now_us: int = 0) -> None:
@@ -50,12 +54,20 @@ class Clock(simpy.Environment):
             priority, delay = event.key, event.t_us - self.now
         _schedule(self, event, priority, delay)
 
+    def happen(self, event: Due, t_us: int, key: int) -> None:
+        """Schedule an event that is not in the queue; ``key`` is its rank in that instant."""
+        event.t_us, event.key, event.valid, event.queued = t_us, key, True, True
+        if event.again:  # SimPy lets an event succeed only once
+            _schedule(self, event, key, t_us - self.now)
+        else:
+            event.succeed()
+
     def due(self, slot: int, t_us: int, key: int) -> None:
         """Schedule the event of a slot for a time; ``key`` is its rank in that instant."""
         event = self.events[slot]
-        if event.triggered:
+        if event.queued:
             event = self.events[slot] = self._in_place_of(event)
-        event.happen(t_us, key)
+        self.happen(event, t_us, key)
 
     def _in_place_of(self, before: Due) -> Due:
         """Return a new event, for which those wait from now on who have waited for another one."""
@@ -87,7 +99,7 @@ class Clock(simpy.Environment):
     def run_until(self, t_us: int, key: int) -> None:
         """Let ``run_to_end`` end at a time, before the events of that instant with larger keys."""
         self._end = self._in_place_of(self._end)
-        self._end.happen(t_us, key)
+        self.happen(self._end, t_us, key)
 
     def run_to_end(self) -> None:
         """Run all events before the end, which they may bring forward."""
@@ -96,7 +108,7 @@ class Clock(simpy.Environment):
     def run_before(self, t_us: int, key: int) -> None:
         """Run all events before time ``t_us``, and those of that instant with smaller keys."""
         end = Due(self)
-        end.happen(t_us, key)
+        self.happen(end, t_us, key)
         self.run(until=end)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import simpy
@@ -71,9 +72,9 @@ class Processes:
             if drone.waits:
                 command = self.commands[drone.index]
                 self.commands[drone.index] = Due(self.clock)
-                command.happen(now_us, due.key(words.COMMAND, drone.index, -1))
+                self.clock.happen(command, now_us, due.key(words.COMMAND, drone.index, -1))
         begun, self.begun = self.begun, Due(self.clock)
-        begun.happen(now_us, due.key(words.COVERAGE, -1, -1))
+        self.clock.happen(begun, now_us, due.key(words.COVERAGE, -1, -1))
 
     def drone(self, drone: Drone) -> Process:
         """Obey a command; fly, return, queue and charge; after a crash, wait to be replaced."""
@@ -115,51 +116,37 @@ class Processes:
     def footprint(self, drone: Drone) -> Process:
         """Let users enter and leave the footprint."""
         slot = due.crossing_slot(self.state, drone.index)
-        while True:
-            yield from self.until(slot)
-            on_crossing(self.world, self.path, self.state, drone)
+        return self.whenever(slot, on_crossing, self.world, self.path, self.state, drone)
 
     def backhaul(self, sender: Drone) -> Process:
         """Bring the updates in the sender's store to the ground, one after the other."""
         slot = due.upload_slot(self.state, sender.index)
-        while True:
-            yield from self.until(slot)
-            on_delivery(self.world, self.path, self.state, sender)
+        return self.whenever(slot, on_delivery, self.world, self.path, self.state, sender)
 
     def user(self, user: User) -> Process:
         """Make the user's requests, one after the other."""
         slot = due.ask_slot(self.state, user.index)
-        while True:
-            yield from self.until(slot)
-            on_request(self.world, self.path, self.state, user)
+        return self.whenever(slot, on_request, self.world, self.path, self.state, user)
 
     def service(self, user: User) -> Process:
         """Complete each of the user's requests when it has been served for the required time."""
         slot = due.completion_slot(self.state, user.index)
-        while True:
-            yield from self.until(slot)
-            on_completion(self.world, self.path, self.state, user)
+        return self.whenever(slot, on_completion, self.world, self.path, self.state, user)
 
     def levels(self, user: User) -> Process:
         """Hand the user over to drones that it receives better."""
         slot = due.association_slot(self.state, user.index)
-        while True:
-            yield from self.until(slot)
-            on_turn(self.world, self.path, self.state, user)
+        return self.whenever(slot, on_turn, self.world, self.path, self.state, user)
 
     def deadline(self, user: User) -> Process:
         """Close each of the user's tasks that is not done in time."""
         slot = due.deadline_slot(self.state, user.index)
-        while True:
-            yield from self.until(slot)
-            on_deadline(self.world, self.path, self.state, user)
+        return self.whenever(slot, on_deadline, self.world, self.path, self.state, user)
 
     def own(self, user: User) -> Process:
         """End what the user's own processor computes."""
         slot = due.own_slot(self.state, user.index)
-        while True:
-            yield from self.until(slot)
-            on_own_completion(self.world, self.path, self.state, user)
+        return self.whenever(slot, on_own_completion, self.world, self.path, self.state, user)
 
     def step(self) -> Process:
         """Attach users and admit requests once all drones have begun what they are told."""
@@ -170,28 +157,33 @@ class Processes:
     def attachment(self) -> Process:
         """Attach users and admit requests at the end of each instant that requires it."""
         slot = due.settle_slot(self.state)
-        while True:
-            yield from self.until(slot)
-            settle(self.world, self.path, self.state, words.ATTACHMENT, words.ATTACHMENT)
+        phases = words.ATTACHMENT, words.ATTACHMENT
+        return self.whenever(slot, settle, self.world, self.path, self.state, *phases)
 
     def separation(self) -> Process:
         """Let pairs of drones come too near to each other, and part again."""
         slot = due.separation_slot(self.state)
-        while True:
-            yield from self.until(slot)
-            on_separation(self.world, self.state)
+        return self.whenever(slot, on_separation, self.world, self.state)
 
     def points(self) -> Process:
         """Let the access points serve on between two decision epochs."""
         slot = due.renewal_slot(self.state)
-        while True:
-            yield from self.until(slot)
-            on_renewal(self.world, self.path, self.state)
+        return self.whenever(slot, on_renewal, self.world, self.path, self.state)
 
     def until(self, slot: int) -> Process:
         """Wait until the event of a slot happens, which one that has been cancelled does not."""
-        events, happens = self.clock.events, False
-        while not happens:
+        events = self.clock.events
+        yield events[slot]
+        while not events[slot].has_happened():
             yield events[slot]
-            happens, events[slot] = events[slot].valid, Due(self.clock)
-        self.state.now_us = self.clock.now
+        self.state.now_us = events[slot].t_us
+
+    def whenever(self, slot: int, rule: Callable[..., None], *arguments: Any) -> Process:
+        """Call a rule with these arguments each time that the event of a slot happens."""
+        state, events = self.state, self.clock.events
+        while True:
+            yield events[slot]
+            event = events[slot]  # which may have taken the place of the one before
+            if event.has_happened():
+                state.now_us = event.t_us
+                rule(*arguments)
