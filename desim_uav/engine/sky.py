@@ -20,6 +20,7 @@ from desim_uav.model.radio.fits import NONE, SLABS, Fits, fits_of
 from desim_uav.model.radio.links import LOOKS, Link, Look
 from desim_uav.model.radio.marks import KINDS, Mark, memory_for
 from desim_uav.model.radio.path_loss import RowPathLoss
+from desim_uav.model.radio.slopes import DB
 from desim_uav.model.radio.tracks import TrackRow
 from desim_uav.rowcode.rows import Table, address, blank, has_tables, held_by, is_row, origin_of
 from desim_uav.rowcode.views import in_memory, zeros
@@ -79,6 +80,7 @@ def _propagation(links: Links, lowest: int, world: World) -> Propagation:
     row, radio, fits = blank(Propagation), links.radio, _fits_between(world, links)
     row.classes, row.levels, row.lowest = len(links.efficiencies) - 1, len(links.rings_m), lowest
     row.radii_m = Table(links.rings_m.reshape(-1).tolist())
+    row.ratios = Table(math.exp(threshold / DB) for threshold in links.thresholds_db)
     row.slabs = fits.terms.shape[3]
     row.terms = Table(fits.terms.reshape(-1).tolist())
     row.ranges = Table(fits.ranges.reshape(-1).tolist())

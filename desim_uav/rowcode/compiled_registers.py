@@ -84,6 +84,19 @@ def _precedes(typing_context: Any, t_us: Any, key: Any, t_other: Any, other_key:
 precedes: Any = intrinsic(_precedes)
 
 
+def _bits_of(typing_context: Any, number: Any) -> Any:
+    """Return how many bits a whole number above 0 has, without a jump."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        zeros = builder.ctlz(arguments[0], ir.Constant(ir.IntType(1), 1))
+        return builder.sub(ir.Constant(WORD, 64), zeros)
+
+    return I64(I64), generate
+
+
+bits_of: Any = intrinsic(_bits_of)
+
+
 # ---- memory that is needed soon
 
 

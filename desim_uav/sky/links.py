@@ -178,6 +178,7 @@ def _begin_links(scene: Scene, sky: Sky, span_us: tuple[int, int]) -> None:
         link.curves, link.curve_count = address(radio.curves), len(radio.curves)
         link.noise_dbm, link.noise_mw = radio.noise_dbm, np.exp(radio.noise_dbm / DB)
         link.lowest, link.top = radio.lowest, radio.lowest + radio.classes
+        link.ratios = address(radio.ratios)
         link.marked_us = leg.marked_us - span_us[0]
         link.out = link.rows = 0
 

@@ -37,7 +37,7 @@ class Propagation(Row):
     ``nlos_shadow_db`` are the standard deviations of the shadowing. ``level``, ``rates`` and
     ``p_los`` are the addresses of functions of the path loss (``model.radio.levels``), and
     ``loss_values`` is that of its fields. ``lowest`` is the number of the radio's first threshold
-    in ``Air.thresholds_db``.
+    in ``Air.thresholds_db``, and ``ratios`` are its thresholds as ratios of powers.
 
     While nothing interferes, classes hold within circles. ``radii_m`` has the radii of all classes
     from 1 on, by level and then by the groups into which users fall by their heights; an access
@@ -59,6 +59,7 @@ class Propagation(Row):
     p_los: int
     loss_values: int
     lowest: int
+    ratios: Table[float]
     radii_m: Table[float]
     slabs: int
     terms: Table[float]

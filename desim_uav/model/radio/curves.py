@@ -14,6 +14,7 @@ import numpy as np
 from desim_uav.model.radio.levels import RateRow
 from desim_uav.model.radio.path_loss import MEAN
 from desim_uav.model.radio.slopes import DB
+from desim_uav.rowcode.compiled_registers import bits_of
 from desim_uav.rowcode.compiled_rows import call, call_for_float, entries_at, pointer_to
 from desim_uav.rowcode.kernels import kernel, rule
 from desim_uav.rowcode.rows import Row, Table, address, blank, row
@@ -166,11 +167,9 @@ def slopes_between(curve: Curve, near_m: float, far_m: float) -> tuple[float, fl
     if one == other:
         return curve.cells[one].least, curve.cells[one].most
     one, other = CELLS + one, CELLS + other
-    while other - one > 16:
-        one, other = one >> 4, other >> 4
-    while other - one > 1:
-        one, other = one >> 1, other >> 1
-    first, last = curve.slopes[one], curve.slopes[other]
+    by = bits_of(other - one) - 1
+    by += (other >> by) - (one >> by) - 1  # then the two ranges are one, or next to each other
+    first, last = curve.slopes[one >> by], curve.slopes[other >> by]
     return min(first.least, last.least), max(first.most, last.most)
 
 

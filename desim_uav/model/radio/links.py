@@ -69,15 +69,16 @@ class Link(Row):
     of that for the present user, or 0. The place, the velocity and the acceleration of the sender
     are those relative to the user at the start of the stretch.
 
-    Then, bounds: the least and the largest horizontal distance in the span, how far the sender and
-    the user move horizontally in it, together, and how far the sender climbs or descends, in
-    metres; the least and the most that the level changes in dB/s; the lowest and the highest
-    level in the span; the lowest and the highest power in the span, or in the time that is looked
-    at; the most that the level changes in the stretch, in dB/s; the ``rates`` near a place; and the
-    most that the level changes in the span for a metre of horizontal distance and for one of
-    height, which are below 0 until they are needed.
+    Then, bounds: the least and the largest horizontal distance in the span, and those in the time
+    that is looked at; how far the sender and the user move horizontally in the span, together, and
+    how far the sender climbs or descends, in metres; the least and the most that the level changes
+    in dB/s; the lowest and the highest level in the span; the lowest and the highest power in the
+    span, or in the time that is looked at; the most that the level changes in the stretch, in dB/s;
+    the ``rates`` near a place; and the most that the level changes in the span for a metre of
+    horizontal distance and for one of height, which are below 0 until they are needed.
 
-    For a signal, its thresholds are those from number ``lowest`` on, before number ``top``.
+    For a signal, its thresholds are those from number ``lowest`` on, before number ``top``, and as
+    ratios of powers they are at the address ``ratios``.
     ``sought`` says whether changes of its class are sought for the present user, whose class is
     ``state`` and was ``held`` before the span; the class is settled until ``settled_s`` seconds
     after the start of the stretch. Changes are written (``note``) to so much ``room`` at an address
@@ -117,6 +118,8 @@ class Link(Row):
     az_mps2: float
     near_m: float
     far_m: float
+    from_m: float
+    to_m: float
     moves_m: float
     climbs_m: float
     least: float
@@ -131,6 +134,7 @@ class Link(Row):
     steep_up: float
     lowest: int
     top: int
+    ratios: int
     sought: int
     state: int
     held: int

@@ -23,10 +23,10 @@ from desim_uav.model.radio.curve_looks import (
     see,
 )
 from desim_uav.model.radio.curves import curve_at, curves_at, gain_at, slopes_between
-from desim_uav.model.radio.links import ROUNDED_DB, Air, Link, class_at, note, ratio_db
+from desim_uav.model.radio.links import Air, Link, class_of, note, ratio_db
 from desim_uav.model.radio.passing import ROOT_S
 from desim_uav.model.radio.search import TOLERANCE_DB, stays
-from desim_uav.model.radio.slopes import DB
+from desim_uav.rowcode.compiled_rows import array_at
 from desim_uav.rowcode.kernels import apart, rule
 from desim_uav.rowcode.rows import address
 
@@ -42,6 +42,9 @@ CLOSE_S = 2e-3
 NEAR_S = 2.0 * CLOSE_S
 """How far from where it has begun the threshold may be passed."""
 
+SURELY = 1.0 + 3e-7
+"""More than the ratio of two powers whose levels differ by ``ROUNDED_DB``."""
+
 NOISE_DB = 1e-10
 """More than rounding changes a ratio."""
 
@@ -51,6 +54,8 @@ times to ``ROOT_S``."""
 
 TRIES = 12
 """The most steps to where a curve passes a threshold; four are enough for most."""
+
+ratios_at = array_at(float)
 
 
 @apart
@@ -81,10 +86,10 @@ def bound_quickly(air: Air, start_us: int) -> int:
                 if i != k:
                     least += air.links[i].low_mw
                     most += air.links[i].high_mw
-            state = class_at(air, k, DB * np.log(link.high_mw / least) + ROUNDED_DB)
-            if state == 0 or state == class_at(
-                air, k, DB * np.log(link.low_mw / most) - ROUNDED_DB
-            ):
+            state, ratios = 0, ratios_at(link.ratios, link.top - link.lowest)
+            if SURELY * link.high_mw >= least * ratios[0]:
+                state = class_of(SURELY * link.high_mw / least, ratios, 0, len(ratios))
+            if state == 0 or _reaches(link, state, most):
                 note(link, start_us, state)
                 link.sought = 0
             else:
@@ -127,22 +132,27 @@ def search_quickly(air: Air, begin: float, lasts: float) -> bool:
     left = 1
     while left > 0:
         since, until = air.looked_s[left], air.looked_s[left - 1]
-        bounded, settled = False, True
+        ranged, bounded, settled = False, False, True
         for k in range(air.used):
             link = air.links[k]
             if link.sought and link.settled_s <= since:
-                if not bounded:
+                if not ranged:
                     for i in range(air.used):
-                        _bound(air.links[i], left, since, until)
-                    bounded = True
-                if not _settles(air, k, left):
-                    settled = False
-                    continue
+                        _bound_power(air.links[i], left, since, until)
+                    ranged = True
+                if not _keeps(air, k, left):
+                    if not bounded:
+                        for i in range(air.used):
+                            _bound_slope(air.links[i])
+                        bounded = True
+                    if not _settles(air, k, left):
+                        settled = False
+                        continue
                 link.settled_s = until
                 if link.looks[left - 1].state != link.state:
                     if not _pass(air, k, left, begin):
                         return False
-                    bounded = False
+                    ranged = bounded = False
         if settled:
             left -= 1
             continue
@@ -197,13 +207,13 @@ def _go_on(air: Air) -> bool:
 
 
 @rule
-def _bound(link: Link, left: int, since: float, until: float) -> None:
-    """Write bounds of a level and a power between two looks, as ``bounds.bound_levels`` does."""
+def _bound_power(link: Link, left: int, since: float, until: float) -> None:
+    """Write bounds of a power between two looks, and of the distance and how fast it grows."""
     one, other = link.looks[left], link.looks[left - 1]
     curve = curve_at(link.curve)
     wider = _wider(curve.error_db)
     link.least = link.most = 0.0
-    link.low_mw = min(one.power_mw, other.power_mw) / wider
+    link.low_mw = min(one.power_mw, other.power_mw) * (2.0 - wider)
     link.high_mw = max(one.power_mw, other.power_mw) * wider
     if one.away_mps == 0.0 and other.away_mps == 0.0 and not _moves(link):
         return
@@ -225,10 +235,41 @@ def _bound(link: Link, left: int, since: float, until: float) -> None:
         rise = other.distance_m - one.distance_m
         turns = max(turns_back(width, rise, least, most), 0.0)
         near_m, far_m = max(near_m - turns, link.near_m), min(far_m + turns, link.far_m)
-        link.low_mw = link.mw * gain_at(curve, far_m) / wider
+        link.low_mw = link.mw * gain_at(curve, far_m) * (2.0 - wider)
         link.high_mw = link.mw * gain_at(curve, near_m) * wider
-    falls, rises = slopes_between(curve, near_m, far_m)
-    _take_range(link, falls, rises, least, most)
+    link.from_m, link.to_m, link.least, link.most = near_m, far_m, least, most
+
+
+@rule
+def _bound_slope(link: Link) -> None:
+    """Write bounds of how fast a level changes, after those of ``_bound_power``."""
+    if link.least != 0.0 or link.most != 0.0:
+        falls, rises = slopes_between(curve_at(link.curve), link.from_m, link.to_m)
+        _take_range(link, falls, rises, link.least, link.most)
+
+
+@rule
+def _keeps(air: Air, k: int, left: int) -> bool:
+    """Return whether the powers between two looks show that a signal keeps its class."""
+    link = air.links[k]
+    if link.looks[left - 1].state != link.state:
+        return False
+    least = most = link.noise_mw
+    for i in range(air.used):
+        if i != k:
+            least += air.links[i].low_mw
+            most += air.links[i].high_mw
+    if link.state > 0 and not _reaches(link, link.state, most):
+        return False
+    ratios = ratios_at(link.ratios, link.top - link.lowest)
+    return bool(link.state == len(ratios) or SURELY * link.high_mw < least * ratios[link.state])
+
+
+@rule
+def _reaches(link: Link, state: int, others_mw: float) -> bool:
+    """Return whether the least power of a signal is surely enough for a class."""
+    threshold = ratios_at(link.ratios, link.top - link.lowest)[state - 1]
+    return bool(link.low_mw >= SURELY * others_mw * threshold)
 
 
 @rule

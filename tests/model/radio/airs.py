@@ -13,6 +13,7 @@ from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.links import LOOKS, Link, Look
 from desim_uav.model.radio.marks import Mark
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, LogDistance, RowPathLoss
+from desim_uav.model.radio.slopes import DB
 from desim_uav.model.radio.tracks import TrackRow
 from desim_uav.model.rules import NEVER
 from desim_uav.rowcode.rows import Table, address, blank, place
@@ -141,6 +142,7 @@ class Air:
                 sky.noise_dbm,
             )
             radio.lowest, radio.classes = i * len(sky.thresholds), len(sky.thresholds)
+            radio.ratios = Table(np.exp(np.array(sky.thresholds) / DB).tolist())
             if reach_m > 0.0:
                 radio.curves = Table([blank_curve(leg.route[2] - USER_M, reach_m)])
             row = own.legs[i]
