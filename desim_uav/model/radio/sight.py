@@ -46,6 +46,52 @@ BESIDE_M = 1e-5
 """A building that is farther than this from all places of a line cannot block it."""
 
 
+FARTHER = 1.0 + 1e-9
+"""A polynomial whose first coefficient exceeds all its other terms by this factor has no root, also
+if it is rounded."""
+
+AROUND_M = 1e-6
+"""By how much more than a line sweeps the buckets that are looked at are in its way."""
+
+SHORT_M = 1e-3
+"""Along an axis on which a line is shorter than this, all of it is looked at in each bucket."""
+
+Place = tuple[float, float]
+
+Swept = tuple[Place, Place, Place, Place, Place, Place]
+"""Six places; what a line sweeps is within their convex hull."""
+
+
+class Sweep(NamedTuple):
+    """What a part of a line sweeps along an axis, in metres.
+
+    The middle of the user's way is ``at``, and the part ``goes`` so far from there. The line is
+    within ``near`` of this middle at the user and within ``far`` of it at the other end.
+    """
+
+    at: float
+    goes: float
+    near: float
+    far: float
+
+
+class Window(NamedTuple):
+    """A time in which buildings may block a line, in seconds, and where the line is in it.
+
+    The user goes from ``one`` place to the ``other``, and the drone from ``start`` to ``stop``;
+    ``low`` and ``high`` are the least altitudes of the two.
+    """
+
+    since_s: float
+    until_s: float
+    one: Place
+    other: Place
+    start: Place
+    stop: Place
+    low_m: float
+    high_m: float
+
+
 class Line(NamedTuple):
     """A line of sight from a time on: position and motion of the user, and those of the drone."""
 
@@ -83,6 +129,8 @@ def sight_changes(
     rows = note(
         out, 0, initial, span_us[0], state_at(tracks[i], tracks[j], 0.0, buildings, buffers)
     )
+    if _is_still(tracks, user) and _is_still(tracks, drone):
+        return rows
     end = tracks[user[1] - 1].begin_s
     at, stretches = 0.0, 0
     while at < end:
@@ -111,6 +159,19 @@ def sight_changes(
         rows = note(out, rows, initial, rounded_us(span_us[0], clear), CLEAR)
     last = state_at(tracks[user[1] - 1], tracks[drone[1] - 1], end, buildings, buffers)
     return note(out, rows, initial, span_us[1], last)
+
+
+@part
+def _is_still(tracks: Table[TrackRow], rows: Rows) -> bool:
+    """Return whether a track keeps one place, of which no row differs by a rounding error."""
+    first = tracks[rows[0]]
+    for k in range(rows[0], rows[1]):
+        one = tracks[k]
+        if one.x_m != first.x_m or one.y_m != first.y_m or one.z_m != first.z_m:
+            return False
+        if velocity(one, one.begin_s) != (0.0, 0.0, 0.0) or pulled(one) != (0.0, 0.0, 0.0):
+            return False
+    return True
 
 
 @kernel
@@ -148,7 +209,8 @@ def _look(
 
     Looked at are the buildings in the buckets that the line sweeps, those near the user first, and
     none after one that blocks the line all the time. Only the part of the line below the tallest
-    roof counts. Rows that the buffers cannot hold are counted only.
+    roof counts, and in each row of buckets only the buildings that are higher than the line is
+    there. Rows that the buffers cannot hold are counted only.
     """
     (ux, uy, uz), (px, py, pz) = _ends(line, 0.0)
     (tx, ty, tz), (qx, qy, qz) = _ends(line, until - at)
@@ -158,140 +220,177 @@ def _look(
             return count
     elif high > buildings.tallest_m:
         share = (buildings.tallest_m - low) / (high - low)
-    rest = 1.0 - share
-    xs = (
-        ux,
-        tx,
-        rest * ux + share * px,
-        rest * tx + share * px,
-        rest * ux + share * qx,
-        rest * tx + share * qx,
-    )
-    ys = (
-        uy,
-        ty,
-        rest * uy + share * py,
-        rest * ty + share * py,
-        rest * uy + share * qy,
-        rest * ty + share * qy,
-    )
+    window, begun = _window(line, 0.0, until - at), count
     stamp = buffers.visited[len(buffers.visited) - 1] + 1
     buffers.visited[len(buffers.visited) - 1] = stamp
-    (nx, ny), (dx, dy) = buildings.shape, buildings.side_m
-    first, last, step = _bucket(min(xs), dx, nx), _bucket(max(xs), dx, nx), 1
-    if 2 * _bucket(ux, dx, nx) > first + last:
+    along, across = _sweep(ux, tx, px, qx, share), _sweep(uy, ty, py, qy, share)
+    (count_along, count_across), (side, side_across) = buildings.shape, buildings.side_m
+    stride, stride_across = count_across, 1
+    if abs(across.goes) > abs(along.goes):
+        along, across = across, along
+        count_along, count_across = count_across, count_along
+        side, side_across = side_across, side
+        stride, stride_across = 1, stride
+    first = _bucket(
+        min(along.at - along.near, along.at + along.goes - along.far), side, count_along
+    )
+    last = _bucket(max(along.at + along.near, along.at + along.goes + along.far), side, count_along)
+    step = 1
+    if along.goes < 0.0:
         first, last, step = last, first, -1
-    for ix in range(first, last + step, step):
-        south, north = _slab(xs, ys, ix * dx, (ix + 1) * dx)
-        if south > north:
+    for i in range(first, last + step, step):
+        begin, end = _shares(
+            along,
+            i * side if i > 0 else -np.inf,
+            (i + 1) * side if i + 1 < count_along else np.inf,
+        )
+        if begin > end:
             continue
-        for iy in range(_bucket(south, dy, ny), _bucket(north, dy, ny) + 1):
-            bucket = ix * ny + iy
+        over_m = low + (high - low) * share * (begin if high > low else end) - BESIDE_M
+        (one, other), (width, far) = _range_at(across, begin), _range_at(across, end)
+        south = _bucket(min(one, width), side_across, count_across)
+        north = _bucket(max(other, far), side_across, count_across)
+        for j in range(south, north + 1):
+            bucket = i * stride + j * stride_across
             for k in range(buildings.heads[bucket], buildings.heads[bucket + 1]):
                 b = buildings.members[k]
-                if buffers.visited[b] != stamp:
+                if buildings.roofs_m[b] > over_m and buffers.visited[b] != stamp:
                     buffers.visited[b] = stamp
-                    if min(low, high) < buildings.roofs_m[b] and _may_block(
-                        (ux, uy), (tx, ty), (px, py), (qx, qy), low, high, buildings, b
-                    ):
-                        count = _stretches(line, at, until, buildings, b, buffers, count)
-                        if _always(buffers.blocked, count, at, until):
-                            return count
+                    if _may_block(window, buildings, b):
+                        had, count = (
+                            count,
+                            _stretches(line, at, until, buildings, b, buffers, count),
+                        )
+                        if had < count <= len(buffers.blocked):
+                            window, is_left = _rest(line, at, window, buffers.blocked, begun, count)
+                            if not is_left:
+                                return count
     return count
 
 
 @part
-def _always(blocked: Table[Stretch], count: int, at: float, until: float) -> bool:
-    """Return whether the last stretch that was written is the whole time."""
-    if count == 0 or count > len(blocked):
-        return False
-    last = blocked[count - 1]
-    return bool(last.since_s <= at and last.until_s >= until)
+def _sweep(user: float, later: float, drone: float, after: float, share: float) -> Sweep:
+    """Return what the first part of a line, of this share, sweeps along an axis.
+
+    The user goes from ``user`` to ``later``, and the drone from ``drone`` to ``after``.
+    """
+    middle, half = 0.5 * (user + later), 0.5 * abs(later - user)
+    goes = share * (0.5 * (drone + after) - middle)
+    far = (1.0 - share) * half + share * 0.5 * abs(after - drone)
+    return Sweep(middle, goes, half + AROUND_M, far + AROUND_M)
 
 
 @part
-def _may_block(
-    one: tuple[float, float],
-    other: tuple[float, float],
-    start: tuple[float, float],
-    stop: tuple[float, float],
-    low: float,
-    high: float,
-    buildings: Buildings,
-    b: int,
-) -> bool:
-    """Return whether a building may block a line whose user goes from one place to another.
+def _shares(sweep: Sweep, low: float, high: float) -> tuple[float, float]:
+    """Return the first and the last share of what is swept that may be between two places."""
+    if abs(sweep.goes) < SHORT_M:
+        return 0.0, 1.0
+    wide = max(sweep.near, sweep.far)
+    one = (low - wide - sweep.at) / sweep.goes
+    other = (high + wide - sweep.at) / sweep.goes
+    return max(min(one, other), 0.0), min(max(one, other), 1.0)
 
-    The drone flies from ``start`` to ``stop``; ``low`` and ``high`` are the least altitudes of the
-    two. The building cannot if it is beside the strip that the line sweeps, or if the line is
-    above its roof wherever it can be over it: both by more than ``BESIDE_M``.
+
+@part
+def _range_at(sweep: Sweep, share: float) -> tuple[float, float]:
+    """Return between which places along an axis the line is at a share of what is swept."""
+    middle, half = sweep.at + share * sweep.goes, sweep.near + share * (sweep.far - sweep.near)
+    return middle - half, middle + half
+
+
+@part
+def _window(line: Line, since: float, until: float) -> Window:
+    """Return where a line is at the two ends of a time."""
+    (ux, uy, uz), (px, py, pz) = _ends(line, since)
+    (tx, ty, tz), (qx, qy, qz) = _ends(line, until)
+    return Window(since, until, (ux, uy), (tx, ty), (px, py), (qx, qy), min(uz, tz), min(pz, qz))
+
+
+@part
+def _rest(
+    line: Line, at: float, window: Window, blocked: Table[Stretch], first: int, count: int
+) -> tuple[Window, bool]:
+    """Return the window without the blocked stretches at its ends, and whether any of it is left.
+
+    What is blocked already stays so, whatever the other buildings do.
     """
-    ax, ay = start[0] - one[0], start[1] - one[1]
-    bx, by = stop[0] - other[0], stop[1] - other[1]
-    length = np.sqrt(ax * ax + ay * ay)
-    if length <= BESIDE_M:
-        return True
-    ax, ay = ax / length, ay / length
-    far = np.sqrt(bx * bx + by * by)
-    bx, by = (bx / far, by / far) if far > BESIDE_M else (ax, ay)
-    # Where the corners are along the line, and to its left, at the start and at the end.
-    nearest, west, east, south, north = np.inf, np.inf, -np.inf, np.inf, -np.inf
+    since, until, goes_on = window.since_s, window.until_s, True
+    while goes_on and since < until:
+        goes_on = False
+        for k in range(first, count):
+            one = blocked[k]
+            if one.since_s <= at + since and one.until_s > at + since:
+                since, goes_on = one.until_s - at, True
+            if one.until_s >= at + until and one.since_s < at + until:
+                until, goes_on = one.since_s - at, True
+    if not since < until:
+        return window, False
+    if since > window.since_s or until < window.until_s:
+        return _window(line, since, until), True
+    return window, True
+
+
+@part
+def _may_block(window: Window, buildings: Buildings, b: int) -> bool:
+    """Return whether a building may block a line in a window of time.
+
+    It cannot if what the line sweeps below the roof is all beyond a wall, or if the building is all
+    on one side of what the line sweeps: both by more than ``BESIDE_M``.
+    """
+    _, _, one, other, start, stop, low, high = window
+    share = 1.0
+    if high > low:
+        share = min(max((buildings.roofs_m[b] + BESIDE_M - low) / (high - low), 0.0), 1.0)
+    rest = 1.0 - share
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = one, other, start, stop
+    swept = (
+        one,
+        other,
+        (rest * ax + share * cx, rest * ay + share * cy),
+        (rest * bx + share * cx, rest * by + share * cy),
+        (rest * ax + share * dx, rest * ay + share * dy),
+        (rest * bx + share * dx, rest * by + share * dy),
+    )
+    first, last = buildings.offsets[b], buildings.offsets[b + 1]
+    for k in range(first, last):
+        x, y, ex, ey = _wall(buildings.corners, k, first, last)
+        if _extent(swept, (x, y), ex, ey)[1] < -BESIDE_M * (abs(ex) + abs(ey)):
+            return False
+    return not (
+        _is_beside(swept, one, cx - ax, cy - ay, buildings, b)
+        or _is_beside(swept, other, dx - bx, dy - by, buildings, b)
+    )
+
+
+@part
+def _extent(swept: Swept, at: Place, ex: float, ey: float) -> tuple[float, float]:
+    """Return how far places are to the left of a line at least and at most, times (ex, ey)."""
+    least, most = np.inf, -np.inf
+    for k in range(6):
+        left = ex * (swept[k][1] - at[1]) - ey * (swept[k][0] - at[0])
+        least, most = min(least, left), max(most, left)
+    return least, most
+
+
+@part
+def _is_beside(swept: Swept, at: Place, ex: float, ey: float, buildings: Buildings, b: int) -> bool:
+    """Return whether a building is all to the left or to the right of what a line sweeps.
+
+    The line of sight that decides what is left goes through ``at`` along (ex, ey).
+    """
+    least, most = _extent(swept, at, ex, ey)
+    south, north = np.inf, -np.inf
     for k in range(buildings.offsets[b], buildings.offsets[b + 1]):
         corner = buildings.corners[k]
-        x, y = corner.x_m - one[0], corner.y_m - one[1]
-        nearest = min(nearest, ax * x + ay * y)
-        left = ax * y - ay * x
-        west, east = min(west, left), max(east, left)
-        left = bx * y - by * x
+        left = ex * (corner.y_m - at[1]) - ey * (corner.x_m - at[0])
         south, north = min(south, left), max(north, left)
-    x1, y1 = other[0] - one[0], other[1] - one[1]
-    x2, y2, x3, y3 = start[0] - one[0], start[1] - one[1], stop[0] - one[0], stop[1] - one[1]
-    p1, p2, p3 = ax * y1 - ay * x1, ax * y2 - ay * x2, ax * y3 - ay * x3
-    if west > max(0.0, p1, p2, p3) + BESIDE_M or east < min(0.0, p1, p2, p3) - BESIDE_M:
-        return False
-    p1, p2, p3 = bx * y1 - by * x1, bx * y2 - by * x2, bx * y3 - by * x3
-    if south > max(0.0, p1, p2, p3) + BESIDE_M or north < min(0.0, p1, p2, p3) - BESIDE_M:
-        return False
-    begin = max(0.0, ax * x1 + ay * y1)
-    end = max(ax * x2 + ay * y2, ax * x3 + ay * y3)
-    if high <= low or nearest <= begin or end <= begin:
-        return True
-    if nearest > end + BESIDE_M:
-        return False
-    over_m = low + (high - low) * min((nearest - begin) / (end - begin), 1.0)
-    return bool(over_m <= buildings.roofs_m[b] + BESIDE_M)
+    margin = BESIDE_M * (abs(ex) + abs(ey))
+    return bool(south > most + margin or north < least - margin)
 
 
 @part
 def _bucket(at: float, side: float, count: int) -> int:
     return min(max(int(np.floor(at / side)), 0), count - 1)
-
-
-@part
-def _slab(
-    xs: tuple[float, float, float, float, float, float],
-    ys: tuple[float, float, float, float, float, float],
-    west: float,
-    east: float,
-) -> tuple[float, float]:
-    """Return the range of y, within a slab of x, of the convex hull of six points, and a bit more.
-
-    It is that of the straight ways between any two of them.
-    """
-    west, east = west - 1e-6, east + 1e-6
-    south, north = np.inf, -np.inf
-    for i in range(6):
-        for j in range(i, 6):
-            x0, y0, x1, y1 = xs[i], ys[i], xs[j], ys[j]
-            if x0 > x1:
-                x0, y0, x1, y1 = x1, y1, x0, y0
-            if x1 < west or x0 > east:
-                continue
-            first = y0 if x0 >= west else y0 + (y1 - y0) * ((west - x0) / (x1 - x0))
-            last = y1 if x1 <= east else y0 + (y1 - y0) * ((east - x0) / (x1 - x0))
-            south = min(south, first, last)
-            north = max(north, first, last)
-    return south - 1e-6, north + 1e-6
 
 
 @kernel
@@ -388,7 +487,13 @@ def _wall(
 
 @part
 def _add(c: Coefficients, end: float, times: Floats, count: int) -> int:
-    """Write where a polynomial changes its sign, and return the number of times then."""
+    """Write where a polynomial changes its sign, and return the number of times then.
+
+    It changes nowhere if it never comes as far as its first coefficient from there.
+    """
+    most = end * (abs(c[1]) + end * (abs(c[2]) + end * abs(c[3])))
+    if abs(c[0]) > FARTHER * most:
+        return count
     changes, roots = sign_changes(c, c[0] > 0.0, end, 0.0)
     for k in range(changes):
         times[count + k] = roots[k]
