@@ -78,18 +78,15 @@ class Sweep(NamedTuple):
 class Window(NamedTuple):
     """A time in which buildings may block a line, in seconds, and where the line is in it.
 
-    The user goes from ``one`` place to the ``other``, and the drone from ``start`` to ``stop``;
-    ``low`` and ``high`` are the least altitudes of the two.
+    The user goes from ``one`` place to the ``other``, and the drone from ``start`` to ``stop``.
     """
 
     since_s: float
     until_s: float
-    one: Place
-    other: Place
-    start: Place
-    stop: Place
-    low_m: float
-    high_m: float
+    one: Point
+    other: Point
+    start: Point
+    stop: Point
 
 
 class Line(NamedTuple):
@@ -257,10 +254,12 @@ def _look(
                 if buildings.roofs_m[b] > over_m and buffers.visited[b] != stamp:
                     buffers.visited[b] = stamp
                     if _may_block(window, buildings, b):
-                        had, count = (
-                            count,
-                            _stretches(line, at, until, buildings, b, buffers, count),
-                        )
+                        if _keeps_blocking(window, buildings, b):
+                            return _add_stretch(
+                                buffers, count, at + window.since_s, at + window.until_s
+                            )
+                        had = count
+                        count = _stretches(line, at, until, buildings, b, buffers, count)
                         if had < count <= len(buffers.blocked):
                             window, is_left = _rest(line, at, window, buffers.blocked, begun, count)
                             if not is_left:
@@ -301,9 +300,8 @@ def _range_at(sweep: Sweep, share: float) -> tuple[float, float]:
 @part
 def _window(line: Line, since: float, until: float) -> Window:
     """Return where a line is at the two ends of a time."""
-    (ux, uy, uz), (px, py, pz) = _ends(line, since)
-    (tx, ty, tz), (qx, qy, qz) = _ends(line, until)
-    return Window(since, until, (ux, uy), (tx, ty), (px, py), (qx, qy), min(uz, tz), min(pz, qz))
+    (one, start), (other, stop) = _ends(line, since), _ends(line, until)
+    return Window(since, until, one, other, start, stop)
 
 
 @part
@@ -337,15 +335,14 @@ def _may_block(window: Window, buildings: Buildings, b: int) -> bool:
     It cannot if what the line sweeps below the roof is all beyond a wall, or if the building is all
     on one side of what the line sweeps: both by more than ``BESIDE_M``.
     """
-    _, _, one, other, start, stop, low, high = window
-    share = 1.0
+    _, _, (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = window
+    share, low, high = 1.0, min(az, bz), min(cz, dz)
     if high > low:
         share = min(max((buildings.roofs_m[b] + BESIDE_M - low) / (high - low), 0.0), 1.0)
     rest = 1.0 - share
-    (ax, ay), (bx, by), (cx, cy), (dx, dy) = one, other, start, stop
     swept = (
-        one,
-        other,
+        (ax, ay),
+        (bx, by),
         (rest * ax + share * cx, rest * ay + share * cy),
         (rest * bx + share * cx, rest * by + share * cy),
         (rest * ax + share * dx, rest * ay + share * dy),
@@ -357,8 +354,24 @@ def _may_block(window: Window, buildings: Buildings, b: int) -> bool:
         if _extent(swept, (x, y), ex, ey)[1] < -BESIDE_M * (abs(ex) + abs(ey)):
             return False
     return not (
-        _is_beside(swept, one, cx - ax, cy - ay, buildings, b)
-        or _is_beside(swept, other, dx - bx, dy - by, buildings, b)
+        _is_beside(swept, (ax, ay), cx - ax, cy - ay, buildings, b)
+        or _is_beside(swept, (bx, by), dx - bx, dy - by, buildings, b)
+    )
+
+
+@part
+def _keeps_blocking(window: Window, buildings: Buildings, b: int) -> bool:
+    """Return whether it is certain that a building blocks a line throughout a window of time.
+
+    The places of one end from which a line to another place meets a convex building, its shadow,
+    are convex. So all lines between two straight ways are blocked if those between their ends are.
+    """
+    one, other, start, stop = window.one, window.other, window.start, window.stop
+    return (
+        _contains(one, start, buildings, b, BESIDE_M)
+        and _contains(other, stop, buildings, b, BESIDE_M)
+        and _contains(one, stop, buildings, b, BESIDE_M)
+        and _contains(other, start, buildings, b, BESIDE_M)
     )
 
 
@@ -424,12 +437,18 @@ def _stretches(
         elif since >= 0.0:
             high = low
         if since >= 0.0:
-            if number < len(buffers.blocked):
-                stretch = buffers.blocked[number]
-                stretch.since_s, stretch.until_s = at + since, at + high
-            number += 1
+            number = _add_stretch(buffers, number, at + since, at + high)
             since = -1.0
     return number
+
+
+@part
+def _add_stretch(buffers: Buffers, number: int, since_s: float, until_s: float) -> int:
+    """Write a stretch of time if there is room for it, and return the number of them then."""
+    if number < len(buffers.blocked):
+        stretch = buffers.blocked[number]
+        stretch.since_s, stretch.until_s = since_s, until_s
+    return number + 1
 
 
 @kernel
@@ -503,13 +522,24 @@ def _add(c: Coefficients, end: float, times: Floats, count: int) -> int:
 @kernel
 def _blocks(line: Line, s: float, buildings: Buildings, b: int) -> bool:
     """Return whether a building contains a stretch of a line, s seconds on."""
-    (ux, uy, uz), (px, py, pz) = _ends(line, s)
+    user, drone = _ends(line, s)
+    return _contains(user, drone, buildings, b, 0.0)
+
+
+@part
+def _contains(user: Point, drone: Point, buildings: Buildings, b: int, margin: float) -> bool:
+    """Return whether a building contains a stretch of a line, a margin within its walls and roof.
+
+    It is as many metres from walls, or a bit more, times what x and y change along a wall.
+    """
+    (ux, uy, uz), (px, py, pz) = user, drone
     begin, end = 0.0, 1.0
     first, last = buildings.offsets[b], buildings.offsets[b + 1]
     for k in range(first, last):
         x, y, ex, ey = _wall(buildings.corners, k, first, last)
-        near = ex * (uy - y) - ey * (ux - x)
-        far = ex * (py - y) - ey * (px - x)
+        inwards = margin * (abs(ex) + abs(ey))
+        near = ex * (uy - y) - ey * (ux - x) - inwards
+        far = ex * (py - y) - ey * (px - x) - inwards
         if near <= 0.0 and far <= 0.0:
             return False
         if near < 0.0:
@@ -519,7 +549,7 @@ def _blocks(line: Line, s: float, buildings: Buildings, b: int) -> bool:
     if not begin < end:
         return False
     lowest = min(uz + begin * (pz - uz), uz + end * (pz - uz))
-    return bool(lowest < buildings.roofs_m[b])
+    return bool(lowest < buildings.roofs_m[b] - margin)
 
 
 @part
