@@ -12,21 +12,33 @@ state is decided once, at the time in the middle.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from desim_uav.model.geometry.polynomial import Coefficients, sign_changes
 from desim_uav.model.geometry.relative import rounded_us
-from desim_uav.model.radio.buildings import Buffers, Buildings, Corner, Stretch
+from desim_uav.model.radio.buildings import Buffers, Buildings, Stretch
+from desim_uav.model.radio.sweeps import (
+    BESIDE_M,
+    Line,
+    Window,
+    bucket_of,
+    contains,
+    ends,
+    keeps_blocking,
+    line_at,
+    may_block,
+    range_at,
+    shares,
+    sweep_of,
+    wall,
+    window_of,
+)
 from desim_uav.model.radio.tracks import (
-    Point,
     Rows,
     TrackRow,
     Turn,
     next_s,
     note,
-    place,
     pulled,
     row_at,
     velocity,
@@ -42,61 +54,15 @@ GAP_S = 1e-7
 rounding of two equal times, as where a line passes from one building to the next."""
 
 
-BESIDE_M = 1e-5
-"""A building that is farther than this from all places of a line cannot block it."""
-
-
 FARTHER = 1.0 + 1e-9
 """A polynomial whose first coefficient exceeds all its other terms by this factor has no root, also
 if it is rounded."""
 
-AROUND_M = 1e-6
-"""By how much more than a line sweeps the buckets that are looked at are in its way."""
+FEW = 2
+"""If no more buildings than this may block a line in a window of time, it is not halved."""
 
-SHORT_M = 1e-3
-"""Along an axis on which a line is shorter than this, all of it is looked at in each bucket."""
-
-Place = tuple[float, float]
-
-Swept = tuple[Place, Place, Place, Place, Place, Place]
-"""Six places; what a line sweeps is within their convex hull."""
-
-
-class Sweep(NamedTuple):
-    """What a part of a line sweeps along an axis, in metres.
-
-    The middle of the user's way is ``at``, and the part ``goes`` so far from there. The line is
-    within ``near`` of this middle at the user and within ``far`` of it at the other end.
-    """
-
-    at: float
-    goes: float
-    near: float
-    far: float
-
-
-class Window(NamedTuple):
-    """A time in which buildings may block a line, in seconds, and where the line is in it.
-
-    The user goes from ``one`` place to the ``other``, and the drone from ``start`` to ``stop``.
-    """
-
-    since_s: float
-    until_s: float
-    one: Point
-    other: Point
-    start: Point
-    stop: Point
-
-
-class Line(NamedTuple):
-    """A line of sight from a time on: position and motion of the user, and those of the drone."""
-
-    user: Point
-    walks: Point
-    drone: Point
-    flies: Point
-    pull: Point
+HALVINGS = 4
+"""How often a window of time is halved at most."""
 
 
 @kernel
@@ -134,7 +100,9 @@ def sight_changes(
         i = row_at(tracks, i, user[1], at)
         j = row_at(tracks, j, drone[1], at)
         until = next_s(tracks, j, drone[1], next_s(tracks, i, user[1], end))
-        stretches = _look(_line(tracks[i], tracks[j], at), at, until, buildings, buffers, stretches)
+        stretches = _look(
+            line_at(tracks[i], tracks[j], at), at, until, buildings, buffers, stretches
+        )
         at = until
     if stretches > len(buffers.blocked):
         return -stretches
@@ -176,26 +144,8 @@ def state_at(
     user: TrackRow, drone: TrackRow, t: float, buildings: Buildings, buffers: Buffers
 ) -> int:
     """Return the state of a line at a time, from rows of the tracks of the user and the drone."""
-    line = _line(user, drone, t)
+    line = line_at(user, drone, t)
     return BLOCKED if _look(line, t, t, buildings, buffers, 0) > 0 else CLEAR
-
-
-@part
-def _line(user: TrackRow, drone: TrackRow, t: float) -> Line:
-    return Line(
-        place(user, t), velocity(user, t), place(drone, t), velocity(drone, t), pulled(drone)
-    )
-
-
-@part
-def _ends(line: Line, s: float) -> tuple[Point, Point]:
-    """Return where the user and the drone are s seconds on."""
-    (ux, uy, uz), (wx, wy, wz), (px, py, pz), (vx, vy, vz), (ax, ay, az) = line
-    h = 0.5 * s
-    return (
-        (ux + s * wx, uy + s * wy, uz + s * wz),
-        (px + s * (vx + h * ax), py + s * (vy + h * ay), pz + s * (vz + h * az)),
-    )
 
 
 @kernel
@@ -204,23 +154,60 @@ def _look(
 ) -> int:
     """Add the stretches of time in which buildings block a line; return how many there are then.
 
-    Looked at are the buildings in the buckets that the line sweeps, those near the user first, and
-    none after one that blocks the line all the time. Only the part of the line below the tallest
-    roof counts, and in each row of buckets only the buildings that are higher than the line is
-    there. Rows that the buffers cannot hold are counted only.
+    Only the times that matter are computed: those of buildings that may block the line in a window
+    of time in which no single building blocks it throughout. Windows with more than ``FEW`` such
+    buildings are halved, ``HALVINGS`` times at most. Rows that the buffers cannot hold are counted
+    only.
     """
-    (ux, uy, uz), (px, py, pz) = _ends(line, 0.0)
-    (tx, ty, tz), (qx, qy, qz) = _ends(line, until - at)
+    end = until - at
+    if not end > 0.0:
+        return _look_in(line, at, until, window_of(line, 0.0, 0.0), True, buildings, buffers, count)
+    since, width, least = 0.0, end, end * 0.5**HALVINGS
+    while since < end:
+        stop = since + width if since + width < end - 0.5 * least else end
+        window, leaf = window_of(line, since, stop), width <= least
+        after = _look_in(line, at, until, window, leaf, buildings, buffers, count)
+        if after >= 0:
+            count, since, width = after, stop, 2.0 * width
+        else:
+            width *= 0.5
+    return count
+
+
+@kernel
+def _look_in(
+    line: Line,
+    at: float,
+    until: float,
+    window: Window,
+    leaf: bool,
+    buildings: Buildings,
+    buffers: Buffers,
+    count: int,
+) -> int:
+    """Add the stretches of buildings that matter in a window; return how many there are then.
+
+    Returns -1, and adds none, if the window is to be halved, but never if it is a ``leaf``. Looked
+    at are the buildings in the buckets that the line sweeps, those near the user first. Only the
+    part of the line below the tallest roof counts, and in each row of buckets only the buildings
+    that are higher than the line is there.
+    """
+    (ux, uy, uz), (tx, ty, tz), (px, py, pz), (qx, qy, qz) = (
+        window.one,
+        window.other,
+        window.start,
+        window.stop,
+    )
     low, high, share = min(uz, tz), min(pz, qz), 1.0
     if low >= buildings.tallest_m:
         if high >= buildings.tallest_m:
             return count
     elif high > buildings.tallest_m:
         share = (buildings.tallest_m - low) / (high - low)
-    window, begun = _window(line, 0.0, until - at), count
+    begun, partly, others = count, 0, (-1, -1, -1)
     stamp = buffers.visited[len(buffers.visited) - 1] + 1
     buffers.visited[len(buffers.visited) - 1] = stamp
-    along, across = _sweep(ux, tx, px, qx, share), _sweep(uy, ty, py, qy, share)
+    along, across = sweep_of(ux, tx, px, qx, share), sweep_of(uy, ty, py, qy, share)
     (count_along, count_across), (side, side_across) = buildings.shape, buildings.side_m
     stride, stride_across = count_across, 1
     if abs(across.goes) > abs(along.goes):
@@ -228,15 +215,17 @@ def _look(
         count_along, count_across = count_across, count_along
         side, side_across = side_across, side
         stride, stride_across = 1, stride
-    first = _bucket(
+    first = bucket_of(
         min(along.at - along.near, along.at + along.goes - along.far), side, count_along
     )
-    last = _bucket(max(along.at + along.near, along.at + along.goes + along.far), side, count_along)
+    last = bucket_of(
+        max(along.at + along.near, along.at + along.goes + along.far), side, count_along
+    )
     step = 1
     if along.goes < 0.0:
         first, last, step = last, first, -1
     for i in range(first, last + step, step):
-        begin, end = _shares(
+        begin, end = shares(
             along,
             i * side if i > 0 else -np.inf,
             (i + 1) * side if i + 1 < count_along else np.inf,
@@ -244,166 +233,30 @@ def _look(
         if begin > end:
             continue
         over_m = low + (high - low) * share * (begin if high > low else end) - BESIDE_M
-        (one, other), (width, far) = _range_at(across, begin), _range_at(across, end)
-        south = _bucket(min(one, width), side_across, count_across)
-        north = _bucket(max(other, far), side_across, count_across)
+        (one, other), (width, far) = range_at(across, begin), range_at(across, end)
+        south = bucket_of(min(one, width), side_across, count_across)
+        north = bucket_of(max(other, far), side_across, count_across)
         for j in range(south, north + 1):
             bucket = i * stride + j * stride_across
             for k in range(buildings.heads[bucket], buildings.heads[bucket + 1]):
                 b = buildings.members[k]
                 if buildings.roofs_m[b] > over_m and buffers.visited[b] != stamp:
                     buffers.visited[b] = stamp
-                    if _may_block(window, buildings, b):
-                        if _keeps_blocking(window, buildings, b):
+                    if may_block(window, buildings, b):
+                        if keeps_blocking(window, buildings, b):
                             return _add_stretch(
-                                buffers, count, at + window.since_s, at + window.until_s
+                                buffers, begun, at + window.since_s, at + window.until_s
                             )
-                        had = count
-                        count = _stretches(line, at, until, buildings, b, buffers, count)
-                        if had < count <= len(buffers.blocked):
-                            window, is_left = _rest(line, at, window, buffers.blocked, begun, count)
-                            if not is_left:
-                                return count
+                        if leaf:
+                            count = _stretches(line, at, until, buildings, b, buffers, count)
+                        others = (b, others[0], others[1])
+                        partly += 1
+    if not leaf:
+        if partly > FEW:
+            return -1
+        for k in range(partly):
+            count = _stretches(line, at, until, buildings, others[k], buffers, count)
     return count
-
-
-@part
-def _sweep(user: float, later: float, drone: float, after: float, share: float) -> Sweep:
-    """Return what the first part of a line, of this share, sweeps along an axis.
-
-    The user goes from ``user`` to ``later``, and the drone from ``drone`` to ``after``.
-    """
-    middle, half = 0.5 * (user + later), 0.5 * abs(later - user)
-    goes = share * (0.5 * (drone + after) - middle)
-    far = (1.0 - share) * half + share * 0.5 * abs(after - drone)
-    return Sweep(middle, goes, half + AROUND_M, far + AROUND_M)
-
-
-@part
-def _shares(sweep: Sweep, low: float, high: float) -> tuple[float, float]:
-    """Return the first and the last share of what is swept that may be between two places."""
-    if abs(sweep.goes) < SHORT_M:
-        return 0.0, 1.0
-    wide = max(sweep.near, sweep.far)
-    one = (low - wide - sweep.at) / sweep.goes
-    other = (high + wide - sweep.at) / sweep.goes
-    return max(min(one, other), 0.0), min(max(one, other), 1.0)
-
-
-@part
-def _range_at(sweep: Sweep, share: float) -> tuple[float, float]:
-    """Return between which places along an axis the line is at a share of what is swept."""
-    middle, half = sweep.at + share * sweep.goes, sweep.near + share * (sweep.far - sweep.near)
-    return middle - half, middle + half
-
-
-@part
-def _window(line: Line, since: float, until: float) -> Window:
-    """Return where a line is at the two ends of a time."""
-    (one, start), (other, stop) = _ends(line, since), _ends(line, until)
-    return Window(since, until, one, other, start, stop)
-
-
-@part
-def _rest(
-    line: Line, at: float, window: Window, blocked: Table[Stretch], first: int, count: int
-) -> tuple[Window, bool]:
-    """Return the window without the blocked stretches at its ends, and whether any of it is left.
-
-    What is blocked already stays so, whatever the other buildings do.
-    """
-    since, until, goes_on = window.since_s, window.until_s, True
-    while goes_on and since < until:
-        goes_on = False
-        for k in range(first, count):
-            one = blocked[k]
-            if one.since_s <= at + since and one.until_s > at + since:
-                since, goes_on = one.until_s - at, True
-            if one.until_s >= at + until and one.since_s < at + until:
-                until, goes_on = one.since_s - at, True
-    if not since < until:
-        return window, False
-    if since > window.since_s or until < window.until_s:
-        return _window(line, since, until), True
-    return window, True
-
-
-@part
-def _may_block(window: Window, buildings: Buildings, b: int) -> bool:
-    """Return whether a building may block a line in a window of time.
-
-    It cannot if what the line sweeps below the roof is all beyond a wall, or if the building is all
-    on one side of what the line sweeps: both by more than ``BESIDE_M``.
-    """
-    _, _, (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = window
-    share, low, high = 1.0, min(az, bz), min(cz, dz)
-    if high > low:
-        share = min(max((buildings.roofs_m[b] + BESIDE_M - low) / (high - low), 0.0), 1.0)
-    rest = 1.0 - share
-    swept = (
-        (ax, ay),
-        (bx, by),
-        (rest * ax + share * cx, rest * ay + share * cy),
-        (rest * bx + share * cx, rest * by + share * cy),
-        (rest * ax + share * dx, rest * ay + share * dy),
-        (rest * bx + share * dx, rest * by + share * dy),
-    )
-    first, last = buildings.offsets[b], buildings.offsets[b + 1]
-    for k in range(first, last):
-        x, y, ex, ey = _wall(buildings.corners, k, first, last)
-        if _extent(swept, (x, y), ex, ey)[1] < -BESIDE_M * (abs(ex) + abs(ey)):
-            return False
-    return not (
-        _is_beside(swept, (ax, ay), cx - ax, cy - ay, buildings, b)
-        or _is_beside(swept, (bx, by), dx - bx, dy - by, buildings, b)
-    )
-
-
-@part
-def _keeps_blocking(window: Window, buildings: Buildings, b: int) -> bool:
-    """Return whether it is certain that a building blocks a line throughout a window of time.
-
-    The places of one end from which a line to another place meets a convex building, its shadow,
-    are convex. So all lines between two straight ways are blocked if those between their ends are.
-    """
-    one, other, start, stop = window.one, window.other, window.start, window.stop
-    return (
-        _contains(one, start, buildings, b, BESIDE_M)
-        and _contains(other, stop, buildings, b, BESIDE_M)
-        and _contains(one, stop, buildings, b, BESIDE_M)
-        and _contains(other, start, buildings, b, BESIDE_M)
-    )
-
-
-@part
-def _extent(swept: Swept, at: Place, ex: float, ey: float) -> tuple[float, float]:
-    """Return how far places are to the left of a line at least and at most, times (ex, ey)."""
-    least, most = np.inf, -np.inf
-    for k in range(6):
-        left = ex * (swept[k][1] - at[1]) - ey * (swept[k][0] - at[0])
-        least, most = min(least, left), max(most, left)
-    return least, most
-
-
-@part
-def _is_beside(swept: Swept, at: Place, ex: float, ey: float, buildings: Buildings, b: int) -> bool:
-    """Return whether a building is all to the left or to the right of what a line sweeps.
-
-    The line of sight that decides what is left goes through ``at`` along (ex, ey).
-    """
-    least, most = _extent(swept, at, ex, ey)
-    south, north = np.inf, -np.inf
-    for k in range(buildings.offsets[b], buildings.offsets[b + 1]):
-        corner = buildings.corners[k]
-        left = ex * (corner.y_m - at[1]) - ey * (corner.x_m - at[0])
-        south, north = min(south, left), max(north, left)
-    margin = BESIDE_M * (abs(ex) + abs(ey))
-    return bool(south > most + margin or north < least - margin)
-
-
-@part
-def _bucket(at: float, side: float, count: int) -> int:
-    return min(max(int(np.floor(at / side)), 0), count - 1)
 
 
 @kernel
@@ -466,7 +319,7 @@ def _times(line: Line, end: float, buildings: Buildings, b: int, times: Floats) 
     count = _add((u[0] + d[0], u[1] + d[1], d[2], 0.0, 0.0), end, times, count)
     first, last = buildings.offsets[b], buildings.offsets[b + 1]
     for k in range(first, last):
-        x, y, ex, ey = _wall(buildings.corners, k, first, last)
+        x, y, ex, ey = wall(buildings.corners, k, first, last)
         # The line passes a corner: (corner - user) x (drone - user) = 0.
         cx, cy = x - ux, y - uy
         gx, gy = px - ux, py - uy
@@ -496,15 +349,6 @@ def _times(line: Line, end: float, buildings: Buildings, b: int, times: Floats) 
 
 
 @part
-def _wall(
-    corners: Table[Corner], k: int, first: int, last: int
-) -> tuple[float, float, float, float]:
-    """Return a corner of a footprint, and how far the next one is away along x and y."""
-    corner, following = corners[k], corners[k + 1 if k + 1 < last else first]
-    return corner.x_m, corner.y_m, following.x_m - corner.x_m, following.y_m - corner.y_m
-
-
-@part
 def _add(c: Coefficients, end: float, times: Floats, count: int) -> int:
     """Write where a polynomial changes its sign, and return the number of times then.
 
@@ -522,34 +366,8 @@ def _add(c: Coefficients, end: float, times: Floats, count: int) -> int:
 @kernel
 def _blocks(line: Line, s: float, buildings: Buildings, b: int) -> bool:
     """Return whether a building contains a stretch of a line, s seconds on."""
-    user, drone = _ends(line, s)
-    return _contains(user, drone, buildings, b, 0.0)
-
-
-@part
-def _contains(user: Point, drone: Point, buildings: Buildings, b: int, margin: float) -> bool:
-    """Return whether a building contains a stretch of a line, a margin within its walls and roof.
-
-    It is as many metres from walls, or a bit more, times what x and y change along a wall.
-    """
-    (ux, uy, uz), (px, py, pz) = user, drone
-    begin, end = 0.0, 1.0
-    first, last = buildings.offsets[b], buildings.offsets[b + 1]
-    for k in range(first, last):
-        x, y, ex, ey = _wall(buildings.corners, k, first, last)
-        inwards = margin * (abs(ex) + abs(ey))
-        near = ex * (uy - y) - ey * (ux - x) - inwards
-        far = ex * (py - y) - ey * (px - x) - inwards
-        if near <= 0.0 and far <= 0.0:
-            return False
-        if near < 0.0:
-            begin = max(begin, near / (near - far))
-        elif far < 0.0:
-            end = min(end, near / (near - far))
-    if not begin < end:
-        return False
-    lowest = min(uz + begin * (pz - uz), uz + end * (pz - uz))
-    return bool(lowest < buildings.roofs_m[b] - margin)
+    user, drone = ends(line, s)
+    return contains(user, drone, buildings, b, 0.0)
 
 
 @part
