@@ -12,21 +12,33 @@ state is decided once, at the time in the middle.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from desim_uav.model.geometry.polynomial import Coefficients, sign_changes
 from desim_uav.model.geometry.relative import rounded_us
-from desim_uav.model.radio.buildings import Buffers, Buildings, Corner, Stretch
+from desim_uav.model.radio.buildings import Buffers, Buildings, Stretch
+from desim_uav.model.radio.sweeps import (
+    BESIDE_M,
+    Line,
+    Window,
+    bucket_of,
+    contains,
+    ends,
+    keeps_blocking,
+    line_at,
+    may_block,
+    range_at,
+    shares,
+    sweep_of,
+    wall,
+    window_of,
+)
 from desim_uav.model.radio.tracks import (
-    Point,
     Rows,
     TrackRow,
     Turn,
     next_s,
     note,
-    place,
     pulled,
     row_at,
     velocity,
@@ -42,18 +54,15 @@ GAP_S = 1e-7
 rounding of two equal times, as where a line passes from one building to the next."""
 
 
-BESIDE_M = 1e-5
-"""A building that is farther than this from all places of a line cannot block it."""
+FARTHER = 1.0 + 1e-9
+"""A polynomial whose first coefficient exceeds all its other terms by this factor has no root, also
+if it is rounded."""
 
+FEW = 2
+"""If no more buildings than this may block a line in a window of time, it is not halved."""
 
-class Line(NamedTuple):
-    """A line of sight from a time on: position and motion of the user, and those of the drone."""
-
-    user: Point
-    walks: Point
-    drone: Point
-    flies: Point
-    pull: Point
+HALVINGS = 4
+"""How often a window of time is halved at most."""
 
 
 @kernel
@@ -83,13 +92,17 @@ def sight_changes(
     rows = note(
         out, 0, initial, span_us[0], state_at(tracks[i], tracks[j], 0.0, buildings, buffers)
     )
+    if _is_still(tracks, user) and _is_still(tracks, drone):
+        return rows
     end = tracks[user[1] - 1].begin_s
     at, stretches = 0.0, 0
     while at < end:
         i = row_at(tracks, i, user[1], at)
         j = row_at(tracks, j, drone[1], at)
         until = next_s(tracks, j, drone[1], next_s(tracks, i, user[1], end))
-        stretches = _look(_line(tracks[i], tracks[j], at), at, until, buildings, buffers, stretches)
+        stretches = _look(
+            line_at(tracks[i], tracks[j], at), at, until, buildings, buffers, stretches
+        )
         at = until
     if stretches > len(buffers.blocked):
         return -stretches
@@ -113,31 +126,26 @@ def sight_changes(
     return note(out, rows, initial, span_us[1], last)
 
 
+@part
+def _is_still(tracks: Table[TrackRow], rows: Rows) -> bool:
+    """Return whether a track keeps one place, of which no row differs by a rounding error."""
+    first = tracks[rows[0]]
+    for k in range(rows[0], rows[1]):
+        one = tracks[k]
+        if one.x_m != first.x_m or one.y_m != first.y_m or one.z_m != first.z_m:
+            return False
+        if velocity(one, one.begin_s) != (0.0, 0.0, 0.0) or pulled(one) != (0.0, 0.0, 0.0):
+            return False
+    return True
+
+
 @kernel
 def state_at(
     user: TrackRow, drone: TrackRow, t: float, buildings: Buildings, buffers: Buffers
 ) -> int:
     """Return the state of a line at a time, from rows of the tracks of the user and the drone."""
-    line = _line(user, drone, t)
+    line = line_at(user, drone, t)
     return BLOCKED if _look(line, t, t, buildings, buffers, 0) > 0 else CLEAR
-
-
-@part
-def _line(user: TrackRow, drone: TrackRow, t: float) -> Line:
-    return Line(
-        place(user, t), velocity(user, t), place(drone, t), velocity(drone, t), pulled(drone)
-    )
-
-
-@part
-def _ends(line: Line, s: float) -> tuple[Point, Point]:
-    """Return where the user and the drone are s seconds on."""
-    (ux, uy, uz), (wx, wy, wz), (px, py, pz), (vx, vy, vz), (ax, ay, az) = line
-    h = 0.5 * s
-    return (
-        (ux + s * wx, uy + s * wy, uz + s * wz),
-        (px + s * (vx + h * ax), py + s * (vy + h * ay), pz + s * (vz + h * az)),
-    )
 
 
 @kernel
@@ -146,152 +154,109 @@ def _look(
 ) -> int:
     """Add the stretches of time in which buildings block a line; return how many there are then.
 
-    Looked at are the buildings in the buckets that the line sweeps, those near the user first, and
-    none after one that blocks the line all the time. Only the part of the line below the tallest
-    roof counts. Rows that the buffers cannot hold are counted only.
+    Only the times that matter are computed: those of buildings that may block the line in a window
+    of time in which no single building blocks it throughout. Windows with more than ``FEW`` such
+    buildings are halved, ``HALVINGS`` times at most. Rows that the buffers cannot hold are counted
+    only.
     """
-    (ux, uy, uz), (px, py, pz) = _ends(line, 0.0)
-    (tx, ty, tz), (qx, qy, qz) = _ends(line, until - at)
+    end = until - at
+    if not end > 0.0:
+        return _look_in(line, at, until, window_of(line, 0.0, 0.0), True, buildings, buffers, count)
+    since, width, least = 0.0, end, end * 0.5**HALVINGS
+    while since < end:
+        stop = since + width if since + width < end - 0.5 * least else end
+        window, leaf = window_of(line, since, stop), width <= least
+        after = _look_in(line, at, until, window, leaf, buildings, buffers, count)
+        if after >= 0:
+            count, since, width = after, stop, 2.0 * width
+        else:
+            width *= 0.5
+    return count
+
+
+@kernel
+def _look_in(
+    line: Line,
+    at: float,
+    until: float,
+    window: Window,
+    leaf: bool,
+    buildings: Buildings,
+    buffers: Buffers,
+    count: int,
+) -> int:
+    """Add the stretches of buildings that matter in a window; return how many there are then.
+
+    Returns -1, and adds none, if the window is to be halved, but never if it is a ``leaf``. Looked
+    at are the buildings in the buckets that the line sweeps, those near the user first. Only the
+    part of the line below the tallest roof counts, and in each row of buckets only the buildings
+    that are higher than the line is there.
+    """
+    (ux, uy, uz), (tx, ty, tz), (px, py, pz), (qx, qy, qz) = (
+        window.one,
+        window.other,
+        window.start,
+        window.stop,
+    )
     low, high, share = min(uz, tz), min(pz, qz), 1.0
     if low >= buildings.tallest_m:
         if high >= buildings.tallest_m:
             return count
     elif high > buildings.tallest_m:
         share = (buildings.tallest_m - low) / (high - low)
-    rest = 1.0 - share
-    xs = (
-        ux,
-        tx,
-        rest * ux + share * px,
-        rest * tx + share * px,
-        rest * ux + share * qx,
-        rest * tx + share * qx,
-    )
-    ys = (
-        uy,
-        ty,
-        rest * uy + share * py,
-        rest * ty + share * py,
-        rest * uy + share * qy,
-        rest * ty + share * qy,
-    )
+    begun, partly, others = count, 0, (-1, -1, -1)
     stamp = buffers.visited[len(buffers.visited) - 1] + 1
     buffers.visited[len(buffers.visited) - 1] = stamp
-    (nx, ny), (dx, dy) = buildings.shape, buildings.side_m
-    first, last, step = _bucket(min(xs), dx, nx), _bucket(max(xs), dx, nx), 1
-    if 2 * _bucket(ux, dx, nx) > first + last:
+    along, across = sweep_of(ux, tx, px, qx, share), sweep_of(uy, ty, py, qy, share)
+    (count_along, count_across), (side, side_across) = buildings.shape, buildings.side_m
+    stride, stride_across = count_across, 1
+    if abs(across.goes) > abs(along.goes):
+        along, across = across, along
+        count_along, count_across = count_across, count_along
+        side, side_across = side_across, side
+        stride, stride_across = 1, stride
+    first = bucket_of(
+        min(along.at - along.near, along.at + along.goes - along.far), side, count_along
+    )
+    last = bucket_of(
+        max(along.at + along.near, along.at + along.goes + along.far), side, count_along
+    )
+    step = 1
+    if along.goes < 0.0:
         first, last, step = last, first, -1
-    for ix in range(first, last + step, step):
-        south, north = _slab(xs, ys, ix * dx, (ix + 1) * dx)
-        if south > north:
+    for i in range(first, last + step, step):
+        begin, end = shares(
+            along,
+            i * side if i > 0 else -np.inf,
+            (i + 1) * side if i + 1 < count_along else np.inf,
+        )
+        if begin > end:
             continue
-        for iy in range(_bucket(south, dy, ny), _bucket(north, dy, ny) + 1):
-            bucket = ix * ny + iy
+        over_m = low + (high - low) * share * (begin if high > low else end) - BESIDE_M
+        (one, other), (width, far) = range_at(across, begin), range_at(across, end)
+        south = bucket_of(min(one, width), side_across, count_across)
+        north = bucket_of(max(other, far), side_across, count_across)
+        for j in range(south, north + 1):
+            bucket = i * stride + j * stride_across
             for k in range(buildings.heads[bucket], buildings.heads[bucket + 1]):
                 b = buildings.members[k]
-                if buffers.visited[b] != stamp:
+                if buildings.roofs_m[b] > over_m and buffers.visited[b] != stamp:
                     buffers.visited[b] = stamp
-                    if min(low, high) < buildings.roofs_m[b] and _may_block(
-                        (ux, uy), (tx, ty), (px, py), (qx, qy), low, high, buildings, b
-                    ):
-                        count = _stretches(line, at, until, buildings, b, buffers, count)
-                        if _always(buffers.blocked, count, at, until):
-                            return count
+                    if may_block(window, buildings, b):
+                        if keeps_blocking(window, buildings, b):
+                            return _add_stretch(
+                                buffers, begun, at + window.since_s, at + window.until_s
+                            )
+                        if leaf:
+                            count = _stretches(line, at, until, buildings, b, buffers, count)
+                        others = (b, others[0], others[1])
+                        partly += 1
+    if not leaf:
+        if partly > FEW:
+            return -1
+        for k in range(partly):
+            count = _stretches(line, at, until, buildings, others[k], buffers, count)
     return count
-
-
-@part
-def _always(blocked: Table[Stretch], count: int, at: float, until: float) -> bool:
-    """Return whether the last stretch that was written is the whole time."""
-    if count == 0 or count > len(blocked):
-        return False
-    last = blocked[count - 1]
-    return bool(last.since_s <= at and last.until_s >= until)
-
-
-@part
-def _may_block(
-    one: tuple[float, float],
-    other: tuple[float, float],
-    start: tuple[float, float],
-    stop: tuple[float, float],
-    low: float,
-    high: float,
-    buildings: Buildings,
-    b: int,
-) -> bool:
-    """Return whether a building may block a line whose user goes from one place to another.
-
-    The drone flies from ``start`` to ``stop``; ``low`` and ``high`` are the least altitudes of the
-    two. The building cannot if it is beside the strip that the line sweeps, or if the line is
-    above its roof wherever it can be over it: both by more than ``BESIDE_M``.
-    """
-    ax, ay = start[0] - one[0], start[1] - one[1]
-    bx, by = stop[0] - other[0], stop[1] - other[1]
-    length = np.sqrt(ax * ax + ay * ay)
-    if length <= BESIDE_M:
-        return True
-    ax, ay = ax / length, ay / length
-    far = np.sqrt(bx * bx + by * by)
-    bx, by = (bx / far, by / far) if far > BESIDE_M else (ax, ay)
-    # Where the corners are along the line, and to its left, at the start and at the end.
-    nearest, west, east, south, north = np.inf, np.inf, -np.inf, np.inf, -np.inf
-    for k in range(buildings.offsets[b], buildings.offsets[b + 1]):
-        corner = buildings.corners[k]
-        x, y = corner.x_m - one[0], corner.y_m - one[1]
-        nearest = min(nearest, ax * x + ay * y)
-        left = ax * y - ay * x
-        west, east = min(west, left), max(east, left)
-        left = bx * y - by * x
-        south, north = min(south, left), max(north, left)
-    x1, y1 = other[0] - one[0], other[1] - one[1]
-    x2, y2, x3, y3 = start[0] - one[0], start[1] - one[1], stop[0] - one[0], stop[1] - one[1]
-    p1, p2, p3 = ax * y1 - ay * x1, ax * y2 - ay * x2, ax * y3 - ay * x3
-    if west > max(0.0, p1, p2, p3) + BESIDE_M or east < min(0.0, p1, p2, p3) - BESIDE_M:
-        return False
-    p1, p2, p3 = bx * y1 - by * x1, bx * y2 - by * x2, bx * y3 - by * x3
-    if south > max(0.0, p1, p2, p3) + BESIDE_M or north < min(0.0, p1, p2, p3) - BESIDE_M:
-        return False
-    begin = max(0.0, ax * x1 + ay * y1)
-    end = max(ax * x2 + ay * y2, ax * x3 + ay * y3)
-    if high <= low or nearest <= begin or end <= begin:
-        return True
-    if nearest > end + BESIDE_M:
-        return False
-    over_m = low + (high - low) * min((nearest - begin) / (end - begin), 1.0)
-    return bool(over_m <= buildings.roofs_m[b] + BESIDE_M)
-
-
-@part
-def _bucket(at: float, side: float, count: int) -> int:
-    return min(max(int(np.floor(at / side)), 0), count - 1)
-
-
-@part
-def _slab(
-    xs: tuple[float, float, float, float, float, float],
-    ys: tuple[float, float, float, float, float, float],
-    west: float,
-    east: float,
-) -> tuple[float, float]:
-    """Return the range of y, within a slab of x, of the convex hull of six points, and a bit more.
-
-    It is that of the straight ways between any two of them.
-    """
-    west, east = west - 1e-6, east + 1e-6
-    south, north = np.inf, -np.inf
-    for i in range(6):
-        for j in range(i, 6):
-            x0, y0, x1, y1 = xs[i], ys[i], xs[j], ys[j]
-            if x0 > x1:
-                x0, y0, x1, y1 = x1, y1, x0, y0
-            if x1 < west or x0 > east:
-                continue
-            first = y0 if x0 >= west else y0 + (y1 - y0) * ((west - x0) / (x1 - x0))
-            last = y1 if x1 <= east else y0 + (y1 - y0) * ((east - x0) / (x1 - x0))
-            south = min(south, first, last)
-            north = max(north, first, last)
-    return south - 1e-6, north + 1e-6
 
 
 @kernel
@@ -325,12 +290,18 @@ def _stretches(
         elif since >= 0.0:
             high = low
         if since >= 0.0:
-            if number < len(buffers.blocked):
-                stretch = buffers.blocked[number]
-                stretch.since_s, stretch.until_s = at + since, at + high
-            number += 1
+            number = _add_stretch(buffers, number, at + since, at + high)
             since = -1.0
     return number
+
+
+@part
+def _add_stretch(buffers: Buffers, number: int, since_s: float, until_s: float) -> int:
+    """Write a stretch of time if there is room for it, and return the number of them then."""
+    if number < len(buffers.blocked):
+        stretch = buffers.blocked[number]
+        stretch.since_s, stretch.until_s = since_s, until_s
+    return number + 1
 
 
 @kernel
@@ -348,7 +319,7 @@ def _times(line: Line, end: float, buildings: Buildings, b: int, times: Floats) 
     count = _add((u[0] + d[0], u[1] + d[1], d[2], 0.0, 0.0), end, times, count)
     first, last = buildings.offsets[b], buildings.offsets[b + 1]
     for k in range(first, last):
-        x, y, ex, ey = _wall(buildings.corners, k, first, last)
+        x, y, ex, ey = wall(buildings.corners, k, first, last)
         # The line passes a corner: (corner - user) x (drone - user) = 0.
         cx, cy = x - ux, y - uy
         gx, gy = px - ux, py - uy
@@ -378,17 +349,14 @@ def _times(line: Line, end: float, buildings: Buildings, b: int, times: Floats) 
 
 
 @part
-def _wall(
-    corners: Table[Corner], k: int, first: int, last: int
-) -> tuple[float, float, float, float]:
-    """Return a corner of a footprint, and how far the next one is away along x and y."""
-    corner, following = corners[k], corners[k + 1 if k + 1 < last else first]
-    return corner.x_m, corner.y_m, following.x_m - corner.x_m, following.y_m - corner.y_m
-
-
-@part
 def _add(c: Coefficients, end: float, times: Floats, count: int) -> int:
-    """Write where a polynomial changes its sign, and return the number of times then."""
+    """Write where a polynomial changes its sign, and return the number of times then.
+
+    It changes nowhere if it never comes as far as its first coefficient from there.
+    """
+    most = end * (abs(c[1]) + end * (abs(c[2]) + end * abs(c[3])))
+    if abs(c[0]) > FARTHER * most:
+        return count
     changes, roots = sign_changes(c, c[0] > 0.0, end, 0.0)
     for k in range(changes):
         times[count + k] = roots[k]
@@ -398,23 +366,8 @@ def _add(c: Coefficients, end: float, times: Floats, count: int) -> int:
 @kernel
 def _blocks(line: Line, s: float, buildings: Buildings, b: int) -> bool:
     """Return whether a building contains a stretch of a line, s seconds on."""
-    (ux, uy, uz), (px, py, pz) = _ends(line, s)
-    begin, end = 0.0, 1.0
-    first, last = buildings.offsets[b], buildings.offsets[b + 1]
-    for k in range(first, last):
-        x, y, ex, ey = _wall(buildings.corners, k, first, last)
-        near = ex * (uy - y) - ey * (ux - x)
-        far = ex * (py - y) - ey * (px - x)
-        if near <= 0.0 and far <= 0.0:
-            return False
-        if near < 0.0:
-            begin = max(begin, near / (near - far))
-        elif far < 0.0:
-            end = min(end, near / (near - far))
-    if not begin < end:
-        return False
-    lowest = min(uz + begin * (pz - uz), uz + end * (pz - uz))
-    return bool(lowest < buildings.roofs_m[b])
+    user, drone = ends(line, s)
+    return contains(user, drone, buildings, b, 0.0)
 
 
 @part
