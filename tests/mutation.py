@@ -105,7 +105,7 @@ MUTATIONS = (
     ),
     Mutation(
         "a stationary elevation is overlooked",
-        "experiment/gallery/stationary.py",
+        "experiment/papers/stationary.py",
         "if least <= 0.0 <= most and not (rises or sinks) and high - low > FINEST_DEG:",
         "if False:",
         ("experiment/test_stationary.py",),

@@ -33,7 +33,6 @@ from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
 from tests.run_to_folder import run_to_folder
-from tests.verification.figure import Estimate
 
 SCRIPTS = Path(__file__).parents[1] / "analysis"
 
@@ -136,78 +135,6 @@ def test_cruise_speeds_are_compared_seed_by_seed(cruise):
         *("8.3 m/s", "82.0", f"2.00 ± {half:.2f}", "50.00"),
         *(f"{ratios.mean():.3f} ± {wide:.3f}", "130.0", "8.3 m/s 50 %"),
     )
-
-
-@pytest.fixture
-def offloading():
-    """The names of analysis/offloading.py."""
-    return runpy.run_path(str(SCRIPTS / "offloading.py"), run_name="offloading")
-
-
-def test_offloading_is_that_of_the_formulas(offloading):
-    """All figures of 100 Mibit, and that of 60 Mibit in the code of Wang et al."""
-    theory = offloading["formulas_s"](100)
-    known = {"local": 174.7627, "edge only": 97.9016, "best split": 62.7495}
-    assert theory == pytest.approx(known, abs=5e-5)
-    assert offloading["formulas_s"](60)["local"] == pytest.approx(104.8576, abs=1e-9)
-    for line, delay_s in theory.items():
-        assert offloading["simulated_s"](line, 100) == pytest.approx(delay_s, abs=2e-6)
-
-
-@pytest.mark.thorough
-def test_the_figure_of_offloading(offloading, capsys, tmp_path):
-    assert offloading["main"](tmp_path / "picture.png") == 0
-    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
-    page = (SCRIPTS.parent / "docs" / "literature.md").read_text(encoding="utf-8")
-    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
-    assert len(rows) == 7 and all(row in page for row in rows)
-
-
-@pytest.mark.thorough
-def test_learned_shares_are_near_the_best_split(capsys, monkeypatch):
-    monkeypatch.syspath_prepend(SCRIPTS)
-    learned = importlib.import_module("offloading_learned")
-    assert learned.main() == 0
-    page = (SCRIPTS.parent / "docs" / "literature.md").read_text(encoding="utf-8")
-    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
-    assert len(rows) == 7 and all(row in page for row in rows)
-
-
-@pytest.fixture
-def charging():
-    """The names of analysis/charging.py."""
-    return runpy.run_path(str(SCRIPTS / "charging.py"), run_name="charging")
-
-
-def test_the_closed_queue(charging):
-    """One machine and one repairer never wait; of two, each waits for what is left of the other."""
-    wait_s, mean_s = charging["closed_queue_s"], charging["CHARGING_S"]
-    assert wait_s(3, 3, 1000.0) == wait_s(1, 1, 1000.0) == 0
-    ratio = mean_s / 1000.0
-    shares = np.array([1.0, 2 * ratio, 2 * ratio**2]) / (1 + 2 * ratio + 2 * ratio**2)
-    arrivals = (2 * shares[0] + shares[1]) / 1000.0
-    assert wait_s(2, 1, 1000.0) == pytest.approx(shares[2] / arrivals, rel=1e-12)
-    assert charging["one_pad_s"](1, 1000.0) == pytest.approx(0, abs=1e-9)
-
-
-@pytest.mark.thorough
-def test_the_best_numbers_of_drones_are_those_of_the_study(charging):
-    fields, fleets = charging["FIELDS"], charging["FLEETS"]
-    for pads, printed in charging["PRINTED"].items():
-
-        def peak_s(drones, pads=pads):
-            own = [charging["field_of"](seed, drones) for seed in fields]
-            waits_s = [charging["closed_queue_s"](drones, pads, time_s) for _, time_s in own]
-            return np.mean([one[0] for one in own]) + np.mean(waits_s)
-
-        assert min(fleets, key=peak_s) == printed
-
-
-@pytest.mark.thorough
-def test_waits_for_one_pad_are_those_of_the_formula(charging):
-    """M/D/1//5: exponential times between charges, and charging in a fixed time."""
-    found = [charging["simulated_s"](5, 1, 1700.0, "exponential", seed) for seed in range(12)]
-    assert Estimate.of("", found, charging["one_pad_s"](5, 1700.0)).holds
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,7 @@ VERBS = {
     "plot": [du.plot],
     "levels": [du.write_levels],
     "video": [du.film],
-    "gallery": [files.gallery],
+    "paper": [files.paper],
     "doctor": [files.doctor],
     "bench list": [du.bench_list],
     "bench run": [du.bench_run],
@@ -49,7 +49,7 @@ VERBS = {
 }
 """The Python functions that each command is made of; the first one describes the command."""
 
-OPTIONAL = {("compare", "policies"), ("run", "fork"), ("run", "to")}
+OPTIONAL = {("compare", "policies"), ("run", "fork"), ("run", "to"), ("paper", "name")}
 """What a command may do without, although the function that describes it may not."""
 
 PROGRAM = typer.main.get_command(app)

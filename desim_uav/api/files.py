@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from desim_uav.api.parameters import verb
 from desim_uav.errors import ScenarioError, UsageError, notice
@@ -12,7 +12,14 @@ from desim_uav.errors import ScenarioError, UsageError, notice
 if TYPE_CHECKING:
     from desim_uav.api.kinds import Overrides
     from desim_uav.experiment.doctor import Check
-    from desim_uav.experiment.gallery import Compared
+    from desim_uav.experiment.papers.work import Computed, Listed
+
+
+class KeptPaper(NamedTuple):
+    """A paper that has been computed, and its folder."""
+
+    computed: Computed
+    folder: Path
 
 
 @verb
@@ -132,35 +139,31 @@ def doctor() -> list[Check]:
 
 
 @verb
-def gallery(
-    names: Sequence[str] = (),
-    figure: str | Path | None = None,
-    markdown: str | Path | None = None,
-    *,
-    progress: bool = True,
-) -> tuple[list[Compared], list[Path]]:
-    """Compute what published papers print, and end with exit code 6 if a figure does not hold.
+def paper(name: str, *, out: str | Path | None = None, progress: bool = True) -> KeptPaper:
+    """Compute a published experiment whole, and compare it with what the paper prints.
 
-    In Python, this returns the papers and the files of their figures.
+    Its folder gets the table, the figure, the scenarios, and what the computation took. The exit
+    code is 6 if a figure does not hold. Without a name, all papers are listed.
 
     Args:
-        names: The papers, such as al_hourani_2014. By default they are all.
-        figure: Draw a figure of each paper into DIR.
-        markdown: Write the tables to FILE, in Markdown.
+        name: The paper, such as al_hourani_2014.
+        out: The folder to write to. It must be new or empty. By default it is runs/paper_<name>.
         progress: Show the progress.
 
     Raises:
-        UsageError: there is no such paper, or a file cannot be written.
+        UsageError: there is no such paper, or the folder cannot be written.
     """
-    from desim_uav.disk import file_place, write_at
-    from desim_uav.experiment import gallery as work
-    from desim_uav.report.gallery import markdown_tables
+    from desim_uav.experiment.papers import work
+    from desim_uav.run_folder import RunPlace
 
-    place = None if markdown is None else file_place(Path(markdown), "--markdown")
-    folder = None if figure is None else Path(figure)
-    if folder is not None:
-        file_place(folder / "figure.png", "--figure")  # refused before anything is computed
-    compared = work.gallery(names, show_progress=progress)
-    if place is not None:
-        write_at(place, markdown_tables(work.COLUMNS, work.tables(compared)).encode())
-    return compared, [] if folder is None else work.draw_all(compared, folder)
+    work.check(name)
+    place = RunPlace(None if out is None else Path(out), f"paper_{name}")
+    computed = work.compute(name, progress)
+    return KeptPaper(computed, work.keep(computed, place))
+
+
+def list_papers() -> list[Listed]:
+    """Return the papers: what is compared, and how each command ended when last measured."""
+    from desim_uav.experiment.papers import work
+
+    return work.listing()

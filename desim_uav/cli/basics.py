@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import typer
 
 from desim_uav.api import files
-from desim_uav.cli.ending import complain, print_json
+from desim_uav.cli.ending import complain, ended, print_json
 from desim_uav.cli.made import made
 from desim_uav.cli.terminal import AS_JSON, NO_PLUGINS, NO_PROGRESS
 from desim_uav.notices import tell
@@ -68,22 +69,36 @@ def doctor(arguments: dict[str, Any], as_json: bool) -> None:
         raise typer.Exit(1)
 
 
-@made(files.gallery, AS_JSON, NO_PROGRESS)
-def gallery(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
-    """Print a table for each paper, and end with exit code 6 if a figure does not hold."""
-    from desim_uav.experiment import gallery as work
-    from desim_uav.report.gallery import print_gallery
+@made(files.paper, AS_JSON, NO_PROGRESS, optional=("name",))
+def paper(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
+    """Print the table of a paper, and end with exit code 6 if a figure does not hold."""
+    from desim_uav.experiment.papers import ENTRIES, work
+    from desim_uav.report.papers import print_paper
 
-    compared, pictures = files.gallery(**arguments)
+    name = arguments["name"]
+    if name is None:
+        _list_papers(as_json)
+        return
+    kept = ENTRIES[name].kept if name in ENTRIES else ""
+    otherwise = f"what had ended is kept in {kept}" if kept else "nothing is kept"
+    (computed, folder), _ = ended(files.paper, arguments, otherwise)
     if as_json:
-        print_json({**work.count(compared), "papers": [one.content() for one in compared]})
+        print_json(computed.content())
     else:
-        print_gallery(work.COLUMNS, work.tables(compared))
-    if arguments["figure"] is not None:
-        for file in pictures:
-            complain(str(file))
-        for name in work.without_figure(compared):
-            complain(f"{name} has no figure")
-    complain(work.summary(compared))
-    if work.count(compared)["fail"]:
+        print_paper(computed.entry.paper, work.COLUMNS, [row.cells() for row in computed.rows])
+    complain(str(folder))
+    complain(computed.summary())
+    if computed.count()["fail"]:
         raise typer.Exit(6)
+
+
+def _list_papers(as_json: bool) -> None:
+    """Print all papers."""
+    from desim_uav.experiment.papers import work
+    from desim_uav.report.papers import print_paper
+
+    listed = files.list_papers()
+    if as_json:
+        print_json([asdict(one) for one in listed])
+    else:
+        print_paper("desim-uav paper NAME computes one", work.LIST_COLUMNS, work.cells(listed))

@@ -54,8 +54,8 @@ def complete_tasks(incomplete: str) -> list[str]:
 
 
 def complete_papers(incomplete: str) -> list[str]:
-    """Return the papers of the gallery, for a shell that completes what is typed."""
-    from desim_uav.experiment.gallery import ENTRIES
+    """Return the published papers, for a shell that completes what is typed."""
+    from desim_uav.experiment.papers import ENTRIES
 
     return [name for name in ENTRIES if name.startswith(incomplete)]
 
@@ -121,9 +121,7 @@ LOOKS: dict[str, OptionLook] = {
     "files": OptionLook("FILE…", argument=True, complete=complete_scenarios),
     "show": OptionLook("NAME"),
     "copy": FOLDER,
-    "names": OptionLook("[NAME…]", argument=True, complete=complete_papers),
-    "gallery.figure": FOLDER,
-    "markdown": OptionLook("FILE", OUTPUT),
+    "paper.name": OptionLook("[NAME]", argument=True, complete=complete_papers),
     "by": OptionLook("service|episode|user|group|outcome"),
     "root": OptionLook("[DIR]", argument=True),
     "run_dir": RUN,

@@ -12,7 +12,18 @@ from pathlib import Path
 
 from desim_uav import __version__
 
-PACKAGES = ("numba", "numpy", "pandas", "pyarrow", "pydantic", "simpy")
+PACKAGES = (
+    "llvmlite",
+    "numba",
+    "numpy",
+    "pandas",
+    "pyarrow",
+    "pydantic",
+    "scipy",
+    "shapely",
+    "simpy",
+)
+"""Those that compute numbers or read and write them."""
 
 
 def clock() -> Callable[[], str]:

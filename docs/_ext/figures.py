@@ -9,8 +9,8 @@ from typing import Any
 
 from markdown_table import table
 
-from desim_uav.experiment import gallery as papers
-from desim_uav.experiment.gallery.row import GalleryRow
+from desim_uav.experiment.papers import ENTRIES, work
+from desim_uav.experiment.papers.row import GalleryRow
 
 DATA = Path(__file__).parents[1] / "_data"
 CHECKED = ("", "ours", "theory", "difference", "limit", "n", "holds")
@@ -28,13 +28,22 @@ def mutations() -> str:
     return table(headings, rows)
 
 
-def gallery() -> str:
-    """One section for each paper in the output of ``desim-uav gallery --json``."""
-    return "\n".join(
-        f"## {paper['name']}\n\n{paper['paper']}\n\n"
-        + table(papers.COLUMNS, (_row(row).cells() for row in paper["rows"]))
-        for paper in _read(DATA / "gallery.json")["papers"]
+def papers() -> str:
+    """The list of all papers, with what their commands printed when they were measured."""
+    return table(work.LIST_COLUMNS, work.cells(work.listing()))
+
+
+def paper(name: str) -> str:
+    """The citation of a paper, and its table as its command printed it."""
+    entry, known = ENTRIES[name], work.measured()[name]
+    doi = "" if entry.doi is None else f" [doi:{entry.doi}]({work.link_of(entry.doi)})"
+    took = (
+        f"`{known['command']}`, {known['date'][:10]}: {known['seconds']:g} s, of the processor "
+        f"{known['processor_s']:g} s, and {known['peak_mib']} MiB on {known['processor']}, with "
+        "nothing compiled before."
     )
+    rows = table(work.COLUMNS, (_row(row).cells() for row in known["rows"]))
+    return f"{entry.paper}.{doi}\n\n{took}\n\n{rows}"
 
 
 def _checked(part: dict[str, Any]) -> str:

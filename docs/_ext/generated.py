@@ -3,12 +3,14 @@
 They stand in ``_generated``: the commands (from typer), the keys of a scenario (from the JSON
 Schema), the columns of the tables (from ``desim_uav.records``), the measures (from
 ``desim_uav.measures.known``), and the table of the paper (from what ``desim-uav reproduce`` has
-left in ``analysis/paper``), and the figures of the verification (from ``docs/_data``). The pages
-include them.
+left in ``analysis/paper``), the figures of the verification (from
+``docs/_data``), and those of published papers (from what ``desim-uav paper`` has printed). The
+pages include them.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,8 @@ import measures
 import paper
 import scenario_keys
 import tables
+
+from desim_uav.experiment.papers import ENTRIES
 
 PARTS = {
     "commands.md": commands.markdown,
@@ -32,7 +36,8 @@ PARTS = {
     "claims.md": paper.claims,
     "verification.md": figures.verification,
     "mutations.md": figures.mutations,
-    "gallery.md": figures.gallery,
+    "papers.md": figures.papers,
+    **{f"paper_of_{name}.md": partial(figures.paper, name) for name in ENTRIES},
 }
 
 

@@ -16,7 +16,7 @@ from desim_uav.experiment.bench import tasks as frozen
 from desim_uav.experiment.bench.board import board, markdown, profile
 from desim_uav.experiment.bench.bounds import CRASH_PRICE, compute, has_bound
 from desim_uav.experiment.bench.commands import ARRAYS, Commands
-from desim_uav.experiment.bench.kept import BOUNDS, REFERENCES, kept
+from desim_uav.experiment.bench.kept import BOUNDS, REFERENCES, bound_of, kept
 from desim_uav.experiment.bench.measure import Measured
 from desim_uav.experiment.bench.profile import figure, panels, shares
 from desim_uav.experiment.bench.score import (
@@ -105,6 +105,13 @@ def test_every_reference_of_a_task_with_a_proof_has_its_bound():
     for task, track, seed in {key[:3] for key in references}:
         if has_bound(find_task(task), TRACKS[track]):
             assert (task, track, seed) in bounded
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["coverage", "multi-service"])
+def test_a_kept_bound_is_the_one_that_is_computed_today(name):
+    task, track = find_task(f"uav-v1/{name}/small"), TRACKS["one"]
+    assert compute(task, track, 105) == pytest.approx(bound_of(task, track, 105), abs=1e-6)
 
 
 def test_the_list(cli):

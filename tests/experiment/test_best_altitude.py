@@ -5,7 +5,7 @@ from math import log10, radians, tan
 
 import pytest
 
-from desim_uav.experiment.gallery.best_altitude import (
+from desim_uav.experiment.papers.best_altitude import (
     best_coverage,
     coverage_at,
     optimal_elevation_deg,

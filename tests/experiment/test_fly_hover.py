@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from desim_uav.experiment.gallery import fly_hover
+from desim_uav.experiment.papers import fly_hover
 
 ABOVE_BPS = 1e6 * math.log2(1001.0)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from desim_uav.experiment.gallery.stationary import stationary_elevations
+from desim_uav.experiment.papers.stationary import stationary_elevations
 
 pytestmark = pytest.mark.thorough  # it is long to compile, and no engine uses it yet
 

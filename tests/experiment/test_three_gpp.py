@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from desim_uav.experiment.gallery.three_gpp import RMA_AV, SCENARIOS, UMA_AV, UMI_AV
+from desim_uav.experiment.papers.three_gpp import RMA_AV, SCENARIOS, UMA_AV, UMI_AV
 
 
 @pytest.mark.parametrize(

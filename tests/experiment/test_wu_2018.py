@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from desim_uav.experiment.gallery import max_min, wu_2018
-from desim_uav.experiment.gallery.wu_2018 import long_tour, rate_at, shared, static
+from desim_uav.experiment.papers import max_min, wu_2018
+from desim_uav.experiment.papers.wu_2018 import long_tour, rate_at, shared, static
 
 ABOVE = math.log2(1001.0)
 TWO = np.array([[0.0, 0.0], [600.0, 0.0]])

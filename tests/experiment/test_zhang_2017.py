@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from desim_uav.experiment.gallery import zhang_2017 as paper
-from desim_uav.experiment.gallery.zhang_2017 import outside_m, shortest
+from desim_uav.experiment.papers import zhang_2017 as paper
+from desim_uav.experiment.papers.zhang_2017 import outside_m, shortest
 
 TWO = np.array([[0.0, 0.0], [6.0, 0.0]])
 """Of radius 5, their circles intersect in (3, 4) and (3, -4)."""

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.experiment.gallery.best_altitude import optimal_elevation_deg
-from desim_uav.experiment.gallery.row import GalleryRow
+from desim_uav.experiment.papers.best_altitude import optimal_elevation_deg
+from desim_uav.experiment.papers.row import GalleryRow
 from desim_uav.model.radio.path_loss import AlHourani
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def _levels_dbm() -> list[float]:
 
 def draw() -> Figure:
     """Draw the least power over the altitude, for three radii."""
-    from desim_uav.report.figures.gallery import Series, lines_figure
+    from desim_uav.report.figures.papers import Series, lines_figure
 
     heights = [20.0 * k for k in range(1, 101)]
     series = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
 from desim_uav.model.radio.link import LinkBudget, LinkClass
 from desim_uav.model.radio.path_loss import AlHourani
 from desim_uav.model.radio.rings import rings
@@ -33,7 +33,7 @@ def rows() -> Iterator[GalleryRow]:
 
 def draw() -> Figure:
     """Draw the radius of each threshold over the height."""
-    from desim_uav.report.figures.gallery import Series, lines_figure
+    from desim_uav.report.figures.papers import Series, lines_figure
 
     heights = [50.0 * k for k in range(1, 61)]
     by_height = [radii_m(height) for height in heights]

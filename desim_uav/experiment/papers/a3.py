@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
 from desim_uav.model.radio.path_loss import LogDistance
 from desim_uav.model.radio.rings import last_m
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from desim_uav.experiment.gallery import fly_hover
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
+from desim_uav.experiment.papers import fly_hover
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
 from desim_uav.model.energy.fixed_wing import FixedWing
 from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, best_speeds, power_w, powers_of
 from desim_uav.model.energy.rotary_wing import RotaryWing
@@ -57,7 +57,7 @@ def wing_rows() -> Iterator[GalleryRow]:
 
 def draw() -> Figure:
     """Draw the power over the speed, with the speed of the longest range."""
-    from desim_uav.report.figures.gallery import Series, lines_figure
+    from desim_uav.report.figures.papers import Series, lines_figure
 
     own = powers_of(ROTORS["zeng2019"])
     speeds = [0.1 * k for k in range(301)]

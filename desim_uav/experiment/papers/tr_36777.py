@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
-from desim_uav.experiment.gallery.three_gpp import SCENARIOS
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.three_gpp import SCENARIOS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,7 +44,7 @@ def rows() -> Iterator[GalleryRow]:
 
 def draw() -> Figure:
     """Draw the probability of line of sight of each scenario over the distance, at 30 m."""
-    from desim_uav.report.figures.gallery import Series, lines_figure
+    from desim_uav.report.figures.papers import Series, lines_figure
 
     distances = [20.0 * k for k in range(201)]
     series = [

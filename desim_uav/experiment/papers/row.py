@@ -24,10 +24,14 @@ class GalleryRow:
     limit: float | None
     digits: int
     """The number of decimal places that are shown."""
+    at_least: bool = False
+    """Whether only a figure of ours that is lower is a difference: more is as good."""
 
     @property
     def apart(self) -> float:
-        """The absolute difference of the two figures."""
+        """The absolute difference of the two figures; 0 if more is as good, and ours is more."""
+        if self.at_least and self.ours > self.theirs:
+            return 0.0
         return float(abs(self.ours - self.theirs))
 
     @property

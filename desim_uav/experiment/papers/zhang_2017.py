@@ -14,8 +14,8 @@ from scipy.optimize import minimize
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 
-from desim_uav.experiment.gallery.flown import SPEED_MPS, STOP_S, Place, flown
-from desim_uav.experiment.gallery.row import GalleryRow
+from desim_uav.experiment.papers.flown import SPEED_MPS, STOP_S, Place, flown
+from desim_uav.experiment.papers.row import GalleryRow
 from desim_uav.model.radio.link import LinkBudget
 from desim_uav.model.radio.path_loss import LogDistance
 from desim_uav.model.radio.rings import ring_m
@@ -295,7 +295,7 @@ def _widest_by_flights_db() -> float:
 
 def draw() -> Figure:
     """Draw the time of the shortest flight over the target, with that of the straight flight."""
-    from desim_uav.report.figures.gallery import Series, lines_figure
+    from desim_uav.report.figures.papers import Series, lines_figure
 
     highest = widest_target_db(stations(), START, GOAL)
     targets = [*np.arange(10.0, highest, 0.1).tolist(), highest - 1e-6]

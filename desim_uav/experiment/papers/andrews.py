@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.experiment.gallery.row import GalleryRow
+from desim_uav.experiment.papers.row import GalleryRow
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,7 +56,7 @@ def closed_form(threshold_db: float) -> float:
 
 def draw() -> Figure:
     """Draw the share covered over the threshold, by the closed form and as simulated."""
-    from desim_uav.report.figures.gallery import Series, lines_figure
+    from desim_uav.report.figures.papers import Series, lines_figure
 
     thresholds = [0.5 * k for k in range(-30, 41)]
     ratios = np.sort(simulated_db())

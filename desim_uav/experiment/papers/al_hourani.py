@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from scipy.optimize import minimize_scalar
 
-from desim_uav.experiment.gallery.best_altitude import best_coverage, optimal_elevation_deg
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.best_altitude import best_coverage, optimal_elevation_deg
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
 from desim_uav.model.radio.path_loss import ENVIRONMENTS, AlHourani
 from desim_uav.model.radio.rings import ring_m
 
@@ -54,7 +54,7 @@ def rows() -> Iterator[GalleryRow]:
 
 def draw() -> Figure:
     """Draw the radius over the height in each environment."""
-    from desim_uav.report.figures.gallery import Series, lines_figure
+    from desim_uav.report.figures.papers import Series, lines_figure
 
     heights = [10.0 * k for k in range(1, 131)]
     series = []

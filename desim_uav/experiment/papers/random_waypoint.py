@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.experiment.gallery.row import GalleryRow
+from desim_uav.experiment.papers.row import GalleryRow
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.mobility.random_waypoint import RandomWaypoint
 from desim_uav.model.mobility.walking import Start
@@ -113,7 +113,7 @@ def lengths_of_ways() -> Floats:
 
 def draw() -> Figure:
     """Draw the mean speed over time with both starts."""
-    from desim_uav.report.figures.gallery import Series, lines_figure
+    from desim_uav.report.figures.papers import Series, lines_figure
 
     times: Sequence[float] = [10.0 * k for k in range(121)]
     starts: dict[Start, str] = {"home": "begun with a walk", "stationary": "stationary start"}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,6 +95,6 @@ def _room_by_place(z: Array) -> Any:
 
 def draw() -> Figure:
     """Draw the packings that were found."""
-    from desim_uav.report.figures.gallery import discs_figure
+    from desim_uav.report.figures.papers import discs_figure
 
     return discs_figure("Largest equal discs in a disc", [packing(count) for count in OPTIMA])

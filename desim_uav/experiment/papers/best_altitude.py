@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from desim_uav.experiment.gallery.stationary import stationary_elevations
+from desim_uav.experiment.papers.stationary import stationary_elevations
 from desim_uav.model.radio.path_loss import AlHourani, free_space_db, mean_of
 
 MOST_TURNS = 8

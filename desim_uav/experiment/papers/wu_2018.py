@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog, minimize
 
-from desim_uav.experiment.gallery.flown import SPEED_MPS, STOP_S, flown
-from desim_uav.experiment.gallery.max_min import best_flights
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.flown import SPEED_MPS, STOP_S, flown
+from desim_uav.experiment.papers.max_min import best_flights
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
 from desim_uav.model.radio.link import LinkBudget
 from desim_uav.model.radio.path_loss import LogDistance
 
@@ -267,7 +267,7 @@ def two_drones(seed: int, time_s: int) -> float:
 
 def draw() -> Figure:
     """Draw the rate of one drone over the time of its flight, for some draws of users."""
-    from desim_uav.report.figures.gallery import Series, lines_figure
+    from desim_uav.report.figures.papers import Series, lines_figure
 
     times = np.arange(200.0, 1001.0, 10.0).tolist()
     drawn = []

@@ -14,12 +14,13 @@ from desim_uav.report.figures.style import COLOURS, Figure, grid_of, headed, loo
 
 @dataclass(frozen=True)
 class Series:
-    """A line of a figure, and a point on it that is marked."""
+    """A line of a figure, a point on it that is marked, and points beside it in its colour."""
 
     name: str
     x: Sequence[float]
     y: Sequence[float]
     mark: tuple[float, float] | None = None
+    points: tuple[tuple[float, float], ...] = ()
 
 
 @styled
@@ -31,6 +32,8 @@ def lines_figure(title: str, x_label: str, y_label: str, series: Sequence[Series
         axes.plot(one.x, one.y, label=one.name, **look(number))
         if one.mark is not None:
             axes.plot(*one.mark, marker="o", color=look(number)["color"])
+        if one.points:
+            axes.plot(*zip(*one.points, strict=True), "o", ms=4, color=look(number)["color"])
     axes.set(xlabel=x_label, ylabel=y_label)
     axes.legend()
     headed(figure, title)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from desim_uav.experiment.gallery.flown import ACCELERATION_MPS2, flown
-from desim_uav.experiment.gallery.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.flown import ACCELERATION_MPS2, flown
+from desim_uav.experiment.papers.row import GalleryRow, evaluated
 from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, best_speeds, power_w, powers_of
 
 Array = NDArray[np.float64]
