@@ -64,9 +64,9 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, default=WEIGHTS, help="the file of the weights")
     parser.add_argument("--seed", type=int, default=0, help="what all is drawn from")
-    parser.add_argument("--generations", type=int, default=20, help="how often weights are drawn")
-    parser.add_argument("--population", type=int, default=20, help="weights of a generation")
-    parser.add_argument("--missions", type=int, default=24, help="missions that each of them flies")
+    parser.add_argument("--generations", type=int, default=14, help="how often weights are drawn")
+    parser.add_argument("--population", type=int, default=16, help="weights of a generation")
+    parser.add_argument("--missions", type=int, default=16, help="missions that each of them flies")
     options = parser.parse_args(arguments)
 
     def save(weights, generations, took_s):

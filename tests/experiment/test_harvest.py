@@ -130,10 +130,16 @@ def test_a_drone_above_a_device_gets_what_the_formula_says():
 
 @pytest.mark.thorough
 def test_who_never_goes_home_crashes(ground):
-    cell = ground.town.number[[0], [28]]
-    mission = Mission(cell, np.array([5.0]), cell, np.array([50]))
-    outcome = ground.flown(mission, 0, lambda sees: sees.at.tolist())
+    """It sees one step less at each step, though it has hovered all the time."""
+    cell, seen = ground.town.number[[0], [28]], []
+
+    def hover(sees):
+        seen.extend(sees.steps.tolist())
+        return sees.at.tolist()
+
+    outcome = ground.flown(Mission(cell, np.array([5.0]), cell, np.array([50])), 0, hover)
     assert not outcome.landed and outcome.collected == pytest.approx(1.0, abs=1e-9)
+    assert seen == [*range(50, 0, -1)]
 
 
 @pytest.mark.thorough
