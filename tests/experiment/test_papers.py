@@ -20,6 +20,7 @@ from desim_uav.experiment.papers import (
     wang_2021,
     work,
     wu_2018,
+    zeng,
 )
 from desim_uav.experiment.papers.row import GalleryRow, evaluated
 from desim_uav.model.radio.path_loss import AlHourani
@@ -73,6 +74,15 @@ def test_the_open_questions_are_known():
     computed = work.compute("mozaffari_2015")
     assert computed.count() == {"hold": 4, "fail": 0, "open": 5}
     assert computed.summary() == "4 of 4 figures hold, 5 are open"
+
+
+def test_a_diagram_shows_ours_and_what_it_is_compared_with():
+    axes = zeng.draw().axes[0]
+    curve, points, _ = axes.lines
+    assert dict(points.get_xydata().tolist()) == zeng.POWERS_W
+    ours = np.interp(points.get_xdata(), *curve.get_xydata().T)
+    assert ours == pytest.approx(list(zeng.POWERS_W.values()), abs=5e-4)
+    assert [text.get_text() for text in axes.get_legend().texts] == ["ours", zeng.APART]
 
 
 class TestRows:

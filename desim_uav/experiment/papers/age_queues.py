@@ -226,5 +226,9 @@ def _drawn(title: str, queues: Mapping[str, Queue], loads: tuple[float, ...]) ->
     series = []
     for name, queue in queues.items():
         runs = tuple((load, float(ages_s(name, load).mean())) for load in loads)
-        series.append(Series(name, list(grid), [queue.law(x) for x in grid], points=runs))
-    return lines_figure(title, "load", "age, mean times of sending", series)
+        series.append(
+            Series(
+                f"{name}, the paper's law", list(grid), [queue.law(x) for x in grid], points=runs
+            )
+        )
+    return lines_figure(title, "load", "age, mean times of sending", series, "ours, runs")

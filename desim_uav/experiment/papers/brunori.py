@@ -76,4 +76,4 @@ def draw() -> Figure:
         means = [math.fsum(qoe3_percent(done[case], policy)) / len(SEEDS) for case in cases]
         printed = tuple((float(case), PUBLISHED[case][policy][2]) for case in cases)
         series.append(Series(policy.replace("_", "-"), cases, means, points=printed))
-    return lines_figure("QoE3, ours (lines) and printed (points)", "case", "QoE3, %", series)
+    return lines_figure("QoE3, means over ten seeds", "case", "QoE3, %", series, "printed")

@@ -38,9 +38,13 @@ def draw() -> Figure:
     heights = [50.0 * k for k in range(1, 61)]
     by_height = [radii_m(height) for height in heights]
     series = [
-        Series(f"{snr_db:g} dB", heights, [radii[k] for radii in by_height])
-        for k, snr_db in enumerate(EVALUATED_M)
+        Series(f"{snr_db:g} dB", heights, [radii[k] for radii in by_height], ((HEIGHT_M, apart),))
+        for k, (snr_db, apart) in enumerate(EVALUATED_M.items())
     ]
     return lines_figure(
-        "Rings of classes: urban, 2 GHz, 30 dBm, 1 MHz", "height, m", "radius, m", series
+        "Rings of classes: urban, 2 GHz, 30 dBm, 1 MHz",
+        "height, m",
+        "radius, m",
+        series,
+        "roots found apart",
     )

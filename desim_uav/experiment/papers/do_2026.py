@@ -275,5 +275,5 @@ def draw() -> Figure:
         fleets = [n for n in FLEETS if n >= pads and formula_min(n, pads) <= DRAWN_MIN]
         queue = [formula_min(drones, pads) for drones in fleets]
         runs = tuple((n, float(peaks_min(n, pads).mean())) for n in simulated_fleets(pads))
-        series.append(Series(f"{pads_of(pads)}", fleets, queue, points=runs))
-    return lines_figure("Peak age, closed queue and runs", "drones", "peak age, min", series)
+        series.append(Series(f"{pads_of(pads)}, closed queue", fleets, queue, points=runs))
+    return lines_figure("Peak age", "drones", "peak age, min", series, "ours, runs")

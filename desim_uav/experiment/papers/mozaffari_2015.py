@@ -92,16 +92,20 @@ def _levels_dbm() -> list[float]:
 
 
 def draw() -> Figure:
-    """Draw the least power over the altitude, for three radii."""
+    """Draw the power over the altitude, for three radii; the paper's at our best altitude."""
     from desim_uav.report.figures.papers import Series, lines_figure
 
     heights = [20.0 * k for k in range(1, 101)]
     series = []
-    for radius in READ_DBM:
+    for radius, read in READ_DBM.items():
         curve = [least_power_dbm(radius, height) for height in heights]
-        best = best_height_m(radius)
-        mark = (best, least_power_dbm(radius, best))
-        series.append(Series(f"{radius:.0f} m", heights, curve, mark=mark))
+        series.append(
+            Series(f"{radius:.0f} m", heights, curve, points=((best_height_m(radius), read),))
+        )
     return lines_figure(
-        "Least power with which one drone covers a radius", "altitude, m", "power, dBm", series
+        "Least power with which one drone covers a radius",
+        "altitude, m",
+        "power, dBm",
+        series,
+        "lowest power, read off figure 4",
     )

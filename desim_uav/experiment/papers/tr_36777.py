@@ -48,9 +48,18 @@ def draw() -> Figure:
 
     distances = [20.0 * k for k in range(201)]
     series = [
-        Series(name, distances, [model.p_los(distance, 30.0) for distance in distances])
+        Series(
+            name,
+            distances,
+            [model.p_los(distance, 30.0) for distance in distances],
+            tuple((away, share) for of, up, away, share in SIGHT if (of, up) == (name, 30.0)),
+        )
         for name, model in SCENARIOS.items()
     ]
     return lines_figure(
-        "Line of sight of aerial users 30 m up, TR 36.777", "distance, m", "probability", series
+        "Line of sight of aerial users 30 m up, TR 36.777",
+        "distance, m",
+        "probability",
+        series,
+        "table B-1, apart",
     )

@@ -131,9 +131,20 @@ def draw() -> Figure:
     from desim_uav.report.figures.papers import Series, lines_figure
 
     series = [
-        Series(line, SIZES_MIBIT, [simulated_s(line, size) for size in SIZES_MIBIT])
+        Series(
+            line,
+            SIZES_MIBIT,
+            [simulated_s(line, size) for size in SIZES_MIBIT],
+            tuple((float(size), formulas_s(size)[line]) for size in SIZES_MIBIT),
+        )
         for line in LINES
     ]
     learned = [float(delays.mean()) for delays in learned_delays_s().values()]
     series.append(Series("learned share", SIZES_MIBIT, learned))
-    return lines_figure("Delay of all tasks", "size of all tasks, Mibit", "delay, s", series)
+    return lines_figure(
+        "Delay of all tasks",
+        "size of all tasks, Mibit",
+        "delay, s",
+        series,
+        "the paper's formulas",
+    )

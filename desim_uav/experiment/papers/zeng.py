@@ -56,13 +56,11 @@ def wing_rows() -> Iterator[GalleryRow]:
 
 
 def draw() -> Figure:
-    """Draw the power over the speed, with the speed of the longest range."""
+    """Draw the power over the speed."""
     from desim_uav.report.figures.papers import Series, lines_figure
 
     own = powers_of(ROTORS["zeng2019"])
     speeds = [0.1 * k for k in range(301)]
-    far = best_speeds(own).range_mps
-    curve = Series(
-        "rotary wing", speeds, [power_w(own, v) for v in speeds], mark=(far, power_w(own, far))
-    )
-    return lines_figure("Propulsion power, Table I", "speed, m/s", "power, W", [curve])
+    apart = tuple((float(speed), watts) for speed, watts in POWERS_W.items())
+    curve = Series("ours", speeds, [power_w(own, v) for v in speeds], points=apart)
+    return lines_figure("Propulsion power, Table I", "speed, m/s", "power, W", [curve], APART)
