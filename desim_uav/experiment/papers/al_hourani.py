@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from scipy.optimize import minimize_scalar
 
 from desim_uav.experiment.papers.best_altitude import best_coverage, optimal_elevation_deg
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.model.radio.path_loss import ENVIRONMENTS, AlHourani
 from desim_uav.model.radio.rings import ring_m
 
@@ -31,7 +31,7 @@ def radius_m(model: AlHourani, height_m: float) -> float:
     return ring_m(lambda r: model.mean_db(r, height_m, CARRIER_GHZ), LARGEST_DB)
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the best elevations, and the tops of the curves of radius over height."""
     for name in ENVIRONMENTS:
         angle = optimal_elevation_deg(AlHourani(name))

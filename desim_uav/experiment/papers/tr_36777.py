@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.experiment.papers.three_gpp import SCENARIOS
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ LOSSES = (
 """Scenario, height, distance and the losses at 2 GHz with and without line of sight."""
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield probabilities of line of sight, and losses at 2 GHz."""
     for name, height, distance, share in SIGHT:
         what = f"{name}, {height:.0f} m up, {distance:.0f} m away: line of sight"

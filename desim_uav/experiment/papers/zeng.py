@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from desim_uav.experiment.papers import fly_hover
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.model.energy.fixed_wing import FixedWing
 from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, best_speeds, power_w, powers_of
 from desim_uav.model.energy.rotary_wing import RotaryWing
@@ -20,7 +20,7 @@ POWERS_W = {5: 143.608, 10: 126.029, 15: 138.543, 20: 178.296, 25: 248.952, 30: 
 """The power at some speeds in m/s, by the paper's Table I."""
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield powers in a hover and in flight, the best speeds, and the energy of flights."""
     own, first = powers_of(ROTORS["zeng2019"]), powers_of(ROTORS["zeng2018"])
     yield evaluated("blade power P0, W", APART, 79.856280, own.blade_w, 6)
@@ -44,7 +44,7 @@ def rows() -> Iterator[GalleryRow]:
     yield from fly_hover.rows()
 
 
-def wing_rows() -> Iterator[GalleryRow]:
+def wing_rows() -> Iterator[FigureRow]:
     """Yield the best speeds of the fixed wing."""
     wing = FixedWing()
     best = wing.best_speeds()
