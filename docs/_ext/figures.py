@@ -10,7 +10,7 @@ from typing import Any
 from markdown_table import table
 
 from desim_uav.experiment.papers import ENTRIES, work
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 
 DATA = Path(__file__).parents[1] / "_data"
 CHECKED = ("", "ours", "theory", "difference", "limit", "n", "holds")
@@ -53,9 +53,9 @@ def _checked(part: dict[str, Any]) -> str:
     )
 
 
-def _row(content: dict[str, Any]) -> GalleryRow:
+def _row(content: dict[str, Any]) -> FigureRow:
     """Return a row without what it computes itself."""
-    return GalleryRow(**{k: v for k, v in content.items() if k not in {"apart", "holds"}})
+    return FigureRow(**{k: v for k, v in content.items() if k not in {"apart", "holds"}})
 
 
 def _read(file: Path) -> dict[str, Any]:

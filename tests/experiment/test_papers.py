@@ -20,8 +20,9 @@ from desim_uav.experiment.papers import (
     wang_2021,
     work,
     wu_2018,
+    zeng,
 )
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.model.radio.path_loss import AlHourani
 from tests.command_line import runner
 from tests.verification import age_laws
@@ -60,7 +61,7 @@ def test_a_paper_holds_and_the_documentation_says_what_is_computed(name):
         assert row.holds is not False, row
     apart = work.COLUMNS.index("apart")  # rounding errors, which other computers have others of
     known = [
-        GalleryRow(**{k: v for k, v in row.items() if k not in {"apart", "holds"}})
+        FigureRow(**{k: v for k, v in row.items() if k not in {"apart", "holds"}})
         for row in work.measured()[name]["rows"]
     ]
     shown, found = ([row.cells() for row in rows] for rows in (known, computed.rows))
@@ -75,19 +76,28 @@ def test_the_open_questions_are_known():
     assert computed.summary() == "4 of 4 figures hold, 5 are open"
 
 
+def test_a_diagram_shows_ours_and_what_it_is_compared_with():
+    axes = zeng.draw().axes[0]
+    curve, points, _ = axes.lines
+    assert dict(points.get_xydata().tolist()) == zeng.POWERS_W
+    ours = np.interp(points.get_xdata(), *curve.get_xydata().T)
+    assert ours == pytest.approx(list(zeng.POWERS_W.values()), abs=5e-4)
+    assert [text.get_text() for text in axes.get_legend().texts] == ["ours", zeng.APART]
+
+
 class TestRows:
     def test_holds(self):
-        row = GalleryRow("x", "", 1.0, 1.04, 0.05, 2)
+        row = FigureRow("x", "", 1.0, 1.04, 0.05, 2)
         assert row.holds and row.apart == pytest.approx(0.04)
-        assert GalleryRow("x", "", 1.0, 1.06, 0.05, 2).holds is False
-        assert GalleryRow("x", "", 1.0, math.nan, 0.05, 2).holds is False
-        assert GalleryRow("x", "", 1.0, 9.0, None, 2).holds is None
+        assert FigureRow("x", "", 1.0, 1.06, 0.05, 2).holds is False
+        assert FigureRow("x", "", 1.0, math.nan, 0.05, 2).holds is False
+        assert FigureRow("x", "", 1.0, 9.0, None, 2).holds is None
 
     def test_more_is_as_good(self):
-        more = GalleryRow("x", "", 1.0, 9.0, 0.1, 2, at_least=True)
+        more = FigureRow("x", "", 1.0, 9.0, 0.1, 2, at_least=True)
         assert more.holds and more.apart == 0.0
-        assert GalleryRow("x", "", 1.0, 0.95, 0.1, 2, at_least=True).holds
-        assert GalleryRow("x", "", 1.0, 0.8, 0.1, 2, at_least=True).holds is False
+        assert FigureRow("x", "", 1.0, 0.95, 0.1, 2, at_least=True).holds
+        assert FigureRow("x", "", 1.0, 0.8, 0.1, 2, at_least=True).holds is False
 
     def test_half_a_unit_of_the_last_digit(self):
         assert evaluated("x", "", 20.34, 20.345, 2).holds

@@ -25,7 +25,7 @@ from desim_uav.experiment.papers import (
     zhang_2017,
 )
 from desim_uav.experiment.papers.harvest import SCENARIO
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +36,7 @@ class Entry:
     """A paper: how it is cited, its rows, its figure, and what is compared with it."""
 
     paper: str
-    rows: Callable[[], Iterator[GalleryRow]]
+    rows: Callable[[], Iterator[FigureRow]]
     draw: Callable[[], Figure] | None = None
     compared: str = ""
     doi: str | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.model.radio.path_loss import LogDistance
 from desim_uav.model.radio.rings import last_m
 
@@ -13,7 +13,7 @@ EVALUATED_M = {(3.0, 3.76): 272.9002, (3.0, 2.0): 292.7493, (2.0, 2.0): 278.6558
 """The place on a line of 500 m by margin in dB and exponent, from the circle of Apollonius."""
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the place on the line between two stations at which the entering condition begins."""
     for (margin_db, exponent), place in EVALUATED_M.items():
         what = f"{margin_db:g} dB, exponent {exponent:g}: place on a line of 500 m, m"

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.experiment.papers.simulated import STANDARD_ERRORS, estimated, flown, scenario_of
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def best_load(name: str) -> tuple[float, float]:
 # ---- rows and figures
 
 
-def first_come_rows() -> Iterator[GalleryRow]:
+def first_come_rows() -> Iterator[FigureRow]:
     """Yield ages over the load, the least ages, and the best loads."""
     yield from _rows(FIRST_COME, FIRST_LOADS)
     for name, queue in FIRST_COME.items():
@@ -190,15 +190,15 @@ def first_come_rows() -> Iterator[GalleryRow]:
         yield estimated(f"{name}: age at the best load, runs", how, least_s, ages, 3)
         ours, error = best_load(name)
         limit = STANDARD_ERRORS * error
-        yield GalleryRow(f"{name}: best load, runs", how, load, ours, limit, 3)
+        yield FigureRow(f"{name}: best load, runs", how, load, ours, limit, 3)
 
 
-def small_buffer_rows() -> Iterator[GalleryRow]:
+def small_buffer_rows() -> Iterator[FigureRow]:
     """Yield ages over the load with small buffers."""
     yield from _rows(SMALL_BUFFERS, SMALL_LOADS)
 
 
-def _rows(queues: Mapping[str, Queue], loads: tuple[float, ...]) -> Iterator[GalleryRow]:
+def _rows(queues: Mapping[str, Queue], loads: tuple[float, ...]) -> Iterator[FigureRow]:
     """Yield the law of each queue at a load of 0.5, and ages in runs."""
     how = "the paper's formula"
     for name, queue in queues.items():
@@ -226,5 +226,9 @@ def _drawn(title: str, queues: Mapping[str, Queue], loads: tuple[float, ...]) ->
     series = []
     for name, queue in queues.items():
         runs = tuple((load, float(ages_s(name, load).mean())) for load in loads)
-        series.append(Series(name, list(grid), [queue.law(x) for x in grid], points=runs))
-    return lines_figure(title, "load", "age, mean times of sending", series)
+        series.append(
+            Series(
+                f"{name}, the paper's law", list(grid), [queue.law(x) for x in grid], points=runs
+            )
+        )
+    return lines_figure(title, "load", "age, mean times of sending", series, "ours, runs")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +20,7 @@ EVALUATED = {-10.0: 0.911699, 0.0: 0.560099, 10.0: 0.200050}
 """The share covered by threshold in dB, from the closed form, evaluated apart."""
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the share of users whose signal-to-interference ratio passes a threshold."""
     ratios = simulated_db()
     for threshold, share in EVALUATED.items():
@@ -28,7 +28,7 @@ def rows() -> Iterator[GalleryRow]:
         ours = float(is_covered.mean())
         error = math.sqrt(ours * (1.0 - ours) / len(ratios))
         what = f"{threshold:g} dB: share covered ({DROPS:,} drops)"
-        yield GalleryRow(what, "closed form for exponent 4, no noise", share, ours, 4.0 * error, 6)
+        yield FigureRow(what, "closed form for exponent 4, no noise", share, ours, 4.0 * error, 6)
 
 
 @cache

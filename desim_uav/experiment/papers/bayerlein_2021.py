@@ -25,7 +25,7 @@ from desim_uav.experiment.papers.harvest import (
     ground_of,
 )
 from desim_uav.experiment.papers.harvester import FEATURES, Harvester, learned
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 from desim_uav.experiment.papers.simulated import STANDARD_ERRORS
 from desim_uav.model.rules import US
 
@@ -69,20 +69,20 @@ class Flown:
         return 100.0 * shares[what]
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the data of a slot, the paper's measures, and what depends on map and training."""
     how = "the formulas of the authors' code"
-    yield GalleryRow("data of a slot above a device, units", how, slot(), slot_flown(), 2e-6, 6)
+    yield FigureRow("data of a slot above a device, units", how, slot(), slot_flown(), 2e-6, 6)
     base = flown()
     for what, theirs in THEIRS.items():
         how = f"printed; ours on another map, {error(base.percent(what))}"
-        yield GalleryRow(f"{what}, %", how, theirs, float(base.percent(what).mean()), None, 1)
+        yield FigureRow(f"{what}, %", how, theirs, float(base.percent(what).mean()), None, 1)
     both = "collected and landed"
     others = {"weights of 0": untrained()} | {name: elsewhere(name) for name in ELSEWHERE}
     for name, other in others.items():
         how = f"as above; {error(other.percent(both))}"
         ours = float(other.percent(both).mean())
-        yield GalleryRow(f"{both}, {name}, %", how, THEIRS[both], ours, None, 1)
+        yield FigureRow(f"{both}, {name}, %", how, THEIRS[both], ours, None, 1)
 
 
 def error(percent: Floats) -> str:

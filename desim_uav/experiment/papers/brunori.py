@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from desim_uav.experiment import reproduce
 from desim_uav.experiment.paper_table import PaperRow
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 from desim_uav.experiment.papers.simulated import STANDARD_ERRORS
 from desim_uav.experiment.published import POLICIES, PUBLISHED, best_qoe3
 
@@ -27,7 +27,7 @@ EPISODES: int | None = None
 """The episodes of a training, by default those of the scenario."""
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield QoE3 of each policy in each case, and whether the best printed one is reached."""
     for case in PUBLISHED:
         yield from rows_of(case, finished(case))
@@ -39,18 +39,18 @@ def finished(case: int) -> list[PaperRow]:
     return reproduce.run_jobs(todo, FOLDER, os.cpu_count() or 1)
 
 
-def rows_of(case: int, done: Sequence[PaperRow]) -> Iterator[GalleryRow]:
+def rows_of(case: int, done: Sequence[PaperRow]) -> Iterator[FigureRow]:
     """Yield the rows of a case."""
     where = "printed, of one training; its seed, users and requests are not given"
     for policy in POLICIES:
         qoe3 = qoe3_percent(done, policy)
         what = f"case {case}, {policy.replace('_', '-')}: QoE3, %"
         ours = math.fsum(qoe3) / len(qoe3)
-        yield GalleryRow(what, where, PUBLISHED[case][policy][2], ours, None, 1)
+        yield FigureRow(what, where, PUBLISHED[case][policy][2], ours, None, 1)
     learned = qoe3_percent(done, POLICIES[1])
     ours, limit = math.fsum(learned) / len(learned), STANDARD_ERRORS * standard_error(learned)
     what = f"case {case}: Q-learning reaches the best printed QoE3, %"
-    yield GalleryRow(what, "printed", best_qoe3(case), ours, limit, 1, at_least=True)
+    yield FigureRow(what, "printed", best_qoe3(case), ours, limit, 1, at_least=True)
 
 
 def qoe3_percent(done: Sequence[PaperRow], policy: str) -> list[float]:
@@ -76,4 +76,4 @@ def draw() -> Figure:
         means = [math.fsum(qoe3_percent(done[case], policy)) / len(SEEDS) for case in cases]
         printed = tuple((float(case), PUBLISHED[case][policy][2]) for case in cases)
         series.append(Series(policy.replace("_", "-"), cases, means, points=printed))
-    return lines_figure("QoE3, ours (lines) and printed (points)", "case", "QoE3, %", series)
+    return lines_figure("QoE3, means over ten seeds", "case", "QoE3, %", series, "printed")

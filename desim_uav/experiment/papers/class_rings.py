@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.model.radio.link import LinkBudget, LinkClass
 from desim_uav.model.radio.path_loss import AlHourani
 from desim_uav.model.radio.rings import rings
@@ -24,7 +24,7 @@ def radii_m(height_m: float) -> tuple[float, ...]:
     return rings(AlHourani("urban"), CARRIER_GHZ, height_m, BUDGET, classes).mean_m
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the radius of each threshold, 100 m up."""
     how = "the paper's formulas, root found apart"
     for (snr_db, radius), ours in zip(EVALUATED_M.items(), radii_m(HEIGHT_M), strict=True):
@@ -38,9 +38,13 @@ def draw() -> Figure:
     heights = [50.0 * k for k in range(1, 61)]
     by_height = [radii_m(height) for height in heights]
     series = [
-        Series(f"{snr_db:g} dB", heights, [radii[k] for radii in by_height])
-        for k, snr_db in enumerate(EVALUATED_M)
+        Series(f"{snr_db:g} dB", heights, [radii[k] for radii in by_height], ((HEIGHT_M, apart),))
+        for k, (snr_db, apart) in enumerate(EVALUATED_M.items())
     ]
     return lines_figure(
-        "Rings of classes: urban, 2 GHz, 30 dBm, 1 MHz", "height, m", "radius, m", series
+        "Rings of classes: urban, 2 GHz, 30 dBm, 1 MHz",
+        "height, m",
+        "radius, m",
+        series,
+        "roots found apart",
     )

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 from desim_uav.experiment.papers.simulated import STANDARD_ERRORS, flown, scenario_of
 from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, power_w, powers_of
 from desim_uav.model.random.streams import Streams
@@ -191,25 +191,25 @@ def waits_s(drones: int, pads: int, law: str = "nearly fixed") -> NDArray[np.flo
 # ---- rows and figures
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the best numbers of drones, by the closed queue and in runs, and what waits differ."""
     for pads, printed in BY_FORMULA.items():
         ours = best_by_formula(pads)
         what = f"{pads_of(pads)}, closed queue: best number of drones"
-        yield GalleryRow(what, "printed by the study's code", printed, ours, 0.5, 0)
+        yield FigureRow(what, "printed by the study's code", printed, ours, 0.5, 0)
     for pads, printed in BY_SIMULATION.items():
         best, alike = best_in_runs(pads)
         what = f"{pads_of(pads)}, simulated: best number of drones"
         how = f"printed by the study's code; here {alike[0]} to {alike[-1]} are not told apart"
         reach = max(best - alike[0], alike[-1] - best) + 0.5
-        yield GalleryRow(what, how, printed, best, reach, 0)
+        yield FigureRow(what, how, printed, best, reach, 0)
     for pads, drones in BY_FORMULA.items():
         formula_s = formula_wait_s(drones, pads)
         for law in LAWS:
             what = f"{pads_of(pads)}, {drones} drones, {law} flights: mean wait, s"
             flown_s = float(waits_s(drones, pads, law).mean())
             how = "closed queue, whose charging times are exponential"
-            yield GalleryRow(what, how, formula_s, flown_s, None, 0)
+            yield FigureRow(what, how, formula_s, flown_s, None, 0)
 
 
 def best_by_formula(pads: int) -> int:
@@ -275,5 +275,5 @@ def draw() -> Figure:
         fleets = [n for n in FLEETS if n >= pads and formula_min(n, pads) <= DRAWN_MIN]
         queue = [formula_min(drones, pads) for drones in fleets]
         runs = tuple((n, float(peaks_min(n, pads).mean())) for n in simulated_fleets(pads))
-        series.append(Series(f"{pads_of(pads)}", fleets, queue, points=runs))
-    return lines_figure("Peak age, closed queue and runs", "drones", "peak age, min", series)
+        series.append(Series(f"{pads_of(pads)}, closed queue", fleets, queue, points=runs))
+    return lines_figure("Peak age", "drones", "peak age, min", series, "ours, runs")

@@ -1,4 +1,4 @@
-"""A flight of the gallery, flown in the simulator: free flight from place to place."""
+"""A flight of a paper, flown in the simulator: free flight from place to place."""
 
 from __future__ import annotations
 

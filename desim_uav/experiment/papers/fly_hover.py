@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from desim_uav.experiment.papers.flown import ACCELERATION_MPS2, flown
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, best_speeds, power_w, powers_of
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ def from_one_place(bits: float) -> Plan:
 # ---- what is compared
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the speed of Lemma 1, and the energies of three plans beside those of flights."""
     how = "Lemma 1: on the way to a node, the speed of the longest range, evaluated apart"
     yield evaluated("one node: speed of the best plan, m/s", how, APART_MPS, best_speed(), 3)
@@ -107,7 +107,7 @@ def rows() -> Iterator[GalleryRow]:
     how = "the paper's formula, with hovers of whole seconds; simulated"
     for name, one in plans.items():
         expected, ours, limit = flown_j(one)
-        yield GalleryRow(
+        yield FigureRow(
             f"{REQUIRED_MBIT:.0f} Mbit each, {name}: energy, J", how, expected, ours, limit, 0
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.experiment.papers.best_altitude import optimal_elevation_deg
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 from desim_uav.model.radio.path_loss import AlHourani
 
 if TYPE_CHECKING:
@@ -37,24 +37,24 @@ def best_height_m(radius_m: float) -> float:
     return radius_m * math.tan(math.radians(optimal_elevation_deg(MODEL)))
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the best altitude and powers of one drone, and the best separations of two."""
     altitude = best_height_m(500.0)
-    yield GalleryRow("500 m: best altitude, m", "printed, to 10 m", 310.0, altitude, 5.0, 2)
+    yield FigureRow("500 m: best altitude, m", "printed, to 10 m", 310.0, altitude, 5.0, 2)
     for radius, power in READ_DBM.items():
         ours = least_power_dbm(radius, best_height_m(radius))
-        yield GalleryRow(
+        yield FigureRow(
             f"{radius:.0f} m: least power, dBm", "read off figure 4", power, ours, 1.0, 2
         )
     how = "figures 6 and 7; the power is not known to us"
     alone, _ = best_separation(2000.0, interference=False)
-    yield GalleryRow("2000 m by 700 m, no interference: separation, m", how, 900.0, alone, None, 0)
+    yield FigureRow("2000 m by 700 m, no interference: separation, m", how, 900.0, alone, None, 0)
     for length, separation in READ_SEPARATION_M.items():
         ours, share = best_separation(length, interference=True)
         what = f"{length:.0f} m by 700 m, interference"
-        yield GalleryRow(f"{what}: separation, m", how, separation, ours, None, 0)
+        yield FigureRow(f"{what}: separation, m", how, separation, ours, None, 0)
         if length == 2000.0:
-            yield GalleryRow(f"{what}: share covered", how, 0.78, share, None, 2)
+            yield FigureRow(f"{what}: share covered", how, 0.78, share, None, 2)
 
 
 @cache
@@ -92,16 +92,20 @@ def _levels_dbm() -> list[float]:
 
 
 def draw() -> Figure:
-    """Draw the least power over the altitude, for three radii."""
+    """Draw the power over the altitude, for three radii; the paper's at our best altitude."""
     from desim_uav.report.figures.papers import Series, lines_figure
 
     heights = [20.0 * k for k in range(1, 101)]
     series = []
-    for radius in READ_DBM:
+    for radius, read in READ_DBM.items():
         curve = [least_power_dbm(radius, height) for height in heights]
-        best = best_height_m(radius)
-        mark = (best, least_power_dbm(radius, best))
-        series.append(Series(f"{radius:.0f} m", heights, curve, mark=mark))
+        series.append(
+            Series(f"{radius:.0f} m", heights, curve, points=((best_height_m(radius), read),))
+        )
     return lines_figure(
-        "Least power with which one drone covers a radius", "altitude, m", "power, dBm", series
+        "Least power with which one drone covers a radius",
+        "altitude, m",
+        "power, dBm",
+        series,
+        "lowest power, read off figure 4",
     )

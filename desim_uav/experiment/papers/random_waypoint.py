@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.mobility.random_waypoint import RandomWaypoint
 from desim_uav.model.mobility.walking import Start
@@ -34,7 +34,7 @@ PAUSES_S = (0.0, 120.0)
 Floats = NDArray[np.float64]
 
 
-def decay_rows() -> Iterator[GalleryRow]:
+def decay_rows() -> Iterator[FigureRow]:
     """Yield mean speeds of users who begin at uniform places with a walk, at first and at last."""
     for speeds, mean in EVALUATED.items():
         walks = walked(speeds, (0.0, 0.0), "home")
@@ -44,7 +44,7 @@ def decay_rows() -> Iterator[GalleryRow]:
         yield _row(f"{what} at {LAST_S:g} s", "closed form, evaluated apart", mean, last)
 
 
-def cure_rows() -> Iterator[GalleryRow]:
+def cure_rows() -> Iterator[FigureRow]:
     """Yield what is known of users who begin as in the long run, at first and later."""
     for speeds, mean in EVALUATED.items():
         walks = walked(speeds, (0.0, 0.0), "stationary")
@@ -70,11 +70,11 @@ def cure_rows() -> Iterator[GalleryRow]:
         yield _row(what, "density 6 x (1 - x)", ON_A_LINE, away * away)
 
 
-def _row(figure: str, where: str, theirs: float, values: NDArray[np.generic]) -> GalleryRow:
+def _row(figure: str, where: str, theirs: float, values: NDArray[np.generic]) -> FigureRow:
     """Return a row of a mean over users, which are independent of each other."""
     sample = np.asarray(values, float)
     error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
-    return GalleryRow(figure, where, theirs, float(sample.mean()), 4.0 * error, 4)
+    return FigureRow(figure, where, theirs, float(sample.mean()), 4.0 * error, 4)
 
 
 @cache
@@ -112,15 +112,21 @@ def lengths_of_ways() -> Floats:
 
 
 def draw() -> Figure:
-    """Draw the mean speed over time with both starts."""
+    """Draw the mean speed over time with both starts, and what is known at first and at last."""
     from desim_uav.report.figures.papers import Series, lines_figure
 
     times: Sequence[float] = [10.0 * k for k in range(121)]
     starts: dict[Start, str] = {"home": "begun with a walk", "stationary": "stationary start"}
-    series = []
+    mean, series = EVALUATED[1.0, 19.0], []
+    known = {"home": ((0.0, 10.0), (times[-1], mean)), "stationary": ((0.0, mean),)}
     for start, name in starts.items():
         walks = walked((1.0, 19.0), (0.0, 0.0), start)
-        series.append(Series(name, times, [float(speeds_at(walks, t).mean()) for t in times]))
+        ours = [float(speeds_at(walks, t).mean()) for t in times]
+        series.append(Series(name, times, ours, known[start]))
     return lines_figure(
-        "Random waypoint, 1 to 19 m/s, square of 1000 m", "time, s", "mean speed, m/s", series
+        "Random waypoint, 1 to 19 m/s, square of 1000 m",
+        "time, s",
+        "mean speed, m/s",
+        series,
+        "closed forms, the last of the long run",
     )

@@ -7,7 +7,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class GalleryRow:
+class FigureRow:
     """One figure: what the paper says of it, how that was read, and ours.
 
     It holds if both are at most ``limit`` apart: the reading error, half a unit of the last printed
@@ -53,8 +53,8 @@ class GalleryRow:
 
 def evaluated(
     figure: str, where: str, theirs: float, ours: float, digits: int, half_units: float = 1.0
-) -> GalleryRow:
+) -> FigureRow:
     """Return a row whose figure is known to ``digits`` digits after the point."""
-    return GalleryRow(
+    return FigureRow(
         figure, where, theirs, ours, half_units * 0.5 * 10.0**-digits * (1 + 1e-9), digits
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.experiment.command import prepare
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 from desim_uav.experiment.run import Results, run
 from desim_uav.policies.base import PolicyLike
 from desim_uav.scenario.load import load
@@ -33,12 +33,12 @@ def flown(scenario: Scenario, policy: PolicyLike, seed: int = 0, episodes: int =
 
 def estimated(
     figure: str, where: str, theirs: float, values: Iterable[float], digits: int
-) -> GalleryRow:
+) -> FigureRow:
     """Return a row of a mean of independent values; its limit is 4 of its standard errors."""
     values = list(values)
     count = len(values)
     mean = math.fsum(values) / count
     variance = math.fsum((value - mean) ** 2 for value in values) / (count - 1)
-    return GalleryRow(
+    return FigureRow(
         figure, where, theirs, mean, STANDARD_ERRORS * math.sqrt(variance / count), digits
     )

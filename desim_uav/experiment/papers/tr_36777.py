@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.model.radio.three_gpp import Aerial, share_in_sight
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ LOSSES = (
 """Scenario, height, distance and the losses at 2 GHz with and without line of sight."""
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield probabilities of line of sight, and losses at 2 GHz."""
     for name, height, distance, share in SIGHT:
         what = f"{name}, {height:.0f} m up, {distance:.0f} m away: line of sight"
@@ -55,9 +55,14 @@ def draw() -> Figure:
             name,
             distances,
             [share_in_sight(model.numbers, away, 30.0) for away in distances],
+            tuple((away, share) for of, up, away, share in SIGHT if (of, up) == (name, 30.0)),
         )
         for name, model in SCENARIOS.items()
     ]
     return lines_figure(
-        "Line of sight of aerial users 30 m up, TR 36.777", "distance, m", "probability", series
+        "Line of sight of aerial users 30 m up, TR 36.777",
+        "distance, m",
+        "probability",
+        series,
+        "table B-1, apart",
     )

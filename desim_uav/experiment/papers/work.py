@@ -14,7 +14,7 @@ from typing import Any
 
 from desim_uav.errors import UsageError, did_you_mean
 from desim_uav.experiment.papers import ENTRIES, Entry
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.provenance import clock, processor, versions
 from desim_uav.run_folder import RunPlace
@@ -49,7 +49,7 @@ class Computed:
     """A paper whose rows have been computed, with what that took."""
 
     name: str
-    rows: tuple[GalleryRow, ...]
+    rows: tuple[FigureRow, ...]
     seconds: float
     processor_s: float
     """The processor time, with that of other processes that were started."""

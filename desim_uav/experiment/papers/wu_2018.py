@@ -14,7 +14,7 @@ from scipy.optimize import linprog, minimize
 
 from desim_uav.experiment.papers.flown import SPEED_MPS, STOP_S, flown
 from desim_uav.experiment.papers.max_min import best_flights
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.model.radio.link import LinkBudget
 from desim_uav.model.radio.path_loss import LogDistance
 
@@ -56,7 +56,7 @@ class Tour(NamedTuple):
     rate: float
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the link right below the drone, the bound, and the rates of several ways to fly."""
     how = "eq. 41 with the numbers of section V"
     snr_db = BUDGET.snr_db(LOSS.los_db(0.0, HEIGHT_M, 2.0))
@@ -78,7 +78,7 @@ def rows() -> Iterator[GalleryRow]:
         yield _drawn(f"two drones, optimised, {time_s} s, bit/s/Hz", rate, ours, 0.1)
 
 
-def _drawn(figure: str, read: float, ours: Sequence[float], unit: float = 0.01) -> GalleryRow:
+def _drawn(figure: str, read: float, ours: Sequence[float], unit: float = 0.01) -> FigureRow:
     """Return a row whose figure depends on the places of the users, which are drawn.
 
     Ours is the mean, rounded to ``unit``; the range of the draws is rounded outwards.
@@ -86,7 +86,7 @@ def _drawn(figure: str, read: float, ours: Sequence[float], unit: float = 0.01) 
     low, high = math.floor(min(ours) / unit) * unit, math.ceil(max(ours) / unit) * unit
     mean = round(float(np.mean(ours)) / unit) * unit
     how = f"read off a figure; ours: mean of {len(ours)} draws of users, {low:.2f} to {high:.2f}"
-    return GalleryRow(figure, how, read, mean, None, 2)
+    return FigureRow(figure, how, read, mean, None, 2)
 
 
 def least_rate_bound(users: int) -> float:
@@ -195,7 +195,7 @@ def _leg(places: Array, start: int, stop: int) -> tuple[float, Array]:
 # ---- the same in the simulator
 
 
-def _simulated() -> Iterator[GalleryRow]:
+def _simulated() -> Iterator[FigureRow]:
     """Yield the rates of the first draw's flight beside those that were computed."""
     tour = long_tour(users(0), LONG_S)
     rates = simulated(0)
@@ -203,9 +203,9 @@ def _simulated() -> Iterator[GalleryRow]:
     aloft = float(tour.legs_s.sum()) + USERS * STOP_S
     how = f"computed for draw 0; simulated with {CLASSES} classes and hovers of whole seconds"
     limit = (above * 0.5 + step / 2.0 * aloft) / LONG_S
-    yield GalleryRow("its least rate, flown", how, tour.rate, min(rates), limit, 4)
+    yield FigureRow("its least rate, flown", how, tour.rate, min(rates), limit, 4)
     limit = step / 2.0 * aloft / LONG_S / USERS + above * STOP_S / LONG_S
-    yield GalleryRow("its mean rate, flown", how, tour.rate, float(np.mean(rates)), limit, 4)
+    yield FigureRow("its mean rate, flown", how, tour.rate, float(np.mean(rates)), limit, 4)
 
 
 def _step() -> float:
@@ -266,16 +266,17 @@ def two_drones(seed: int, time_s: int) -> float:
 
 
 def draw() -> Figure:
-    """Draw the rate of one drone over the time of its flight, for some draws of users."""
+    """Draw the rate of one drone over the time of its flight: the range of the draws of users."""
     from desim_uav.report.figures.papers import Series, lines_figure
 
-    times = np.arange(200.0, 1001.0, 10.0).tolist()
-    drawn = []
-    for seed in range(DRAWS_OF_TWO):
-        rates = [long_tour(users(seed), time_s).rate for time_s in times]
-        drawn.append(Series(f"users of draw {seed}", times, rates))
+    times = np.arange(400.0, 1001.0, 50.0).tolist()
+    rates = np.array([[long_tour(users(seed), t).rate for t in times] for seed in range(DRAWS)])
     bound = least_rate_bound(USERS)
-    drawn.append(Series("bound", [times[0], times[-1]], [bound, bound]))
-    mark = (LONG_S, READ["optimised"])
-    drawn.append(Series("read off the paper", [LONG_S], [READ["optimised"]], mark=mark))
-    return lines_figure("One drone, six users", "time, s", "least rate, bit/s/Hz", drawn)
+    drawn = [
+        Series("mean", times, rates.mean(axis=0).tolist(), ((LONG_S, READ["optimised"]),)),
+        Series(f"lowest of {DRAWS} draws of users", times, rates.min(axis=0).tolist()),
+        Series("highest of them", times, rates.max(axis=0).tolist()),
+        Series("bound", [times[0], times[-1]], [bound, bound]),
+    ]
+    how = "read off the paper"
+    return lines_figure("One drone, six users", "time, s", "least rate, bit/s/Hz", drawn, how)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from desim_uav.experiment.papers import fly_hover
-from desim_uav.experiment.papers.row import GalleryRow, evaluated
+from desim_uav.experiment.papers.row import FigureRow, evaluated
 from desim_uav.model.energy.fixed_wing import FixedWing
 from desim_uav.model.energy.propulsion.rotary_wing import ROTORS, best_speeds, power_w, powers_of
 from desim_uav.model.energy.rotary_wing import RotaryWing
@@ -20,7 +20,7 @@ POWERS_W = {5: 143.608, 10: 126.029, 15: 138.543, 20: 178.296, 25: 248.952, 30: 
 """The power at some speeds in m/s, by the paper's Table I."""
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield powers in a hover and in flight, the best speeds, and the energy of flights."""
     own, first = powers_of(ROTORS["zeng2019"]), powers_of(ROTORS["zeng2018"])
     yield evaluated("blade power P0, W", APART, 79.856280, own.blade_w, 6)
@@ -44,7 +44,7 @@ def rows() -> Iterator[GalleryRow]:
     yield from fly_hover.rows()
 
 
-def wing_rows() -> Iterator[GalleryRow]:
+def wing_rows() -> Iterator[FigureRow]:
     """Yield the best speeds of the fixed wing."""
     wing = FixedWing()
     best = wing.best_speeds()
@@ -56,13 +56,11 @@ def wing_rows() -> Iterator[GalleryRow]:
 
 
 def draw() -> Figure:
-    """Draw the power over the speed, with the speed of the longest range."""
+    """Draw the power over the speed."""
     from desim_uav.report.figures.papers import Series, lines_figure
 
     own = powers_of(ROTORS["zeng2019"])
     speeds = [0.1 * k for k in range(301)]
-    far = best_speeds(own).range_mps
-    curve = Series(
-        "rotary wing", speeds, [power_w(own, v) for v in speeds], mark=(far, power_w(own, far))
-    )
-    return lines_figure("Propulsion power, Table I", "speed, m/s", "power, W", [curve])
+    apart = tuple((float(speed), watts) for speed, watts in POWERS_W.items())
+    curve = Series("ours", speeds, [power_w(own, v) for v in speeds], points=apart)
+    return lines_figure("Propulsion power, Table I", "speed, m/s", "power, W", [curve], APART)

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 
 from desim_uav.experiment.papers.flown import SPEED_MPS, STOP_S, Place, flown
-from desim_uav.experiment.papers.row import GalleryRow
+from desim_uav.experiment.papers.row import FigureRow
 from desim_uav.model.radio.link import LinkBudget
 from desim_uav.model.radio.path_loss import LogDistance
 from desim_uav.model.radio.rings import ring_m
@@ -236,7 +236,7 @@ def _without_link_us(events: pd.DataFrame, end_us: int) -> int:
     return without_us if linked else without_us + end_us - since_us
 
 
-def rows() -> Iterator[GalleryRow]:
+def rows() -> Iterator[FigureRow]:
     """Yield the shortest flights, found in two ways and flown, and the highest target."""
     centres = stations()
     for target in TARGETS_DB:
@@ -245,24 +245,24 @@ def rows() -> Iterator[GalleryRow]:
         apart = shortest_by_sequences(centres, radius, START, GOAL) / SPEED_MPS
         how = "the paper's convex program, for each sequence of stations"
         ours = flight.length_m / SPEED_MPS
-        yield GalleryRow(what + "shortest flight, s", how, apart, ours, 1e-5, 5)
+        yield FigureRow(what + "shortest flight, s", how, apart, ours, 1e-5, 5)
         inside = shortest(centres, radius - INSIDE_M, START, GOAL)
         legs = len(inside.places) - 1
         took, lost = simulated(target, -INSIDE_M)
         how = f"the length over 50 m/s, and {legs} stops of 5 ms; simulated"
         expected = inside.length_m / SPEED_MPS + legs * STOP_S
-        yield GalleryRow(what + "flown, s", how, expected, took, 1e-6 * legs, 6)
+        yield FigureRow(what + "flown, s", how, expected, took, 1e-6 * legs, 6)
         how = "within reach all the time; simulated"
-        yield GalleryRow(what + "without a link, s", how, 0.0, lost, 0.0, 6)
+        yield FigureRow(what + "without a link, s", how, 0.0, lost, 0.0, 6)
         yield from _outside(what, target)
     ours = _widest_by_flights_db()
     how = "the paper's condition on the distances of stations"
-    yield GalleryRow(
+    yield FigureRow(
         "highest target, dB", how, widest_target_db(centres, START, GOAL), ours, 1e-5, 5
     )
 
 
-def _outside(what: str, target_db: float) -> Iterator[GalleryRow]:
+def _outside(what: str, target_db: float) -> Iterator[FigureRow]:
     """Yield how long the link is lost on a flight that turns a metre too far out."""
     radius = reach_m(target_db)
     flight = shortest(stations(), radius + OUTSIDE_M, START, GOAL)
@@ -273,7 +273,7 @@ def _outside(what: str, target_db: float) -> Iterator[GalleryRow]:
     lost = simulated(target_db, OUTSIDE_M)[1]
     turns = len(flight.places) - 2
     how = f"the line outside the discs over 50 m/s, and {turns} stops of 5 ms; simulated"
-    yield GalleryRow(
+    yield FigureRow(
         f"{what}a metre outside, without a link, s",
         how,
         gaps_s + turns * STOP_S,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.patches import Circle
@@ -11,31 +12,34 @@ from numpy.typing import NDArray
 
 from desim_uav.report.figures.style import COLOURS, Figure, grid_of, headed, look, styled
 
+DOT: dict[str, Any] = {"marker": "o", "markersize": 5, "linestyle": "", "markerfacecolor": "none"}
+
 
 @dataclass(frozen=True)
 class Series:
-    """A line of a figure, a point on it that is marked, and points beside it in its colour."""
+    """A line of a figure, and points in its colour that are compared with it."""
 
     name: str
     x: Sequence[float]
     y: Sequence[float]
-    mark: tuple[float, float] | None = None
     points: tuple[tuple[float, float], ...] = ()
 
 
 @styled
-def lines_figure(title: str, x_label: str, y_label: str, series: Sequence[Series]) -> Figure:
-    """Draw lines."""
-    figure = Figure(figsize=(5.6, 3.6))
+def lines_figure(
+    title: str, x_label: str, y_label: str, series: Sequence[Series], points: str = ""
+) -> Figure:
+    """Draw lines with their points; ``points`` is what the legend says of all points."""
+    figure = Figure(figsize=(7.6, 3.6))
     axes = figure.subplots()
     for number, one in enumerate(series):
         axes.plot(one.x, one.y, label=one.name, **look(number))
-        if one.mark is not None:
-            axes.plot(*one.mark, marker="o", color=look(number)["color"])
         if one.points:
-            axes.plot(*zip(*one.points, strict=True), "o", ms=4, color=look(number)["color"])
+            axes.plot(*zip(*one.points, strict=True), **DOT, color=look(number)["color"])
+    if points:
+        axes.plot([], [], **DOT, color="grey", label=points)
     axes.set(xlabel=x_label, ylabel=y_label)
-    axes.legend()
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     headed(figure, title)
     return figure
 
