@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, ClassVar
 
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Gt, Le
 
 from desim_uav.model.radio.functions import elevation_deg
 from desim_uav.model.radio.levels import mean_db_of, rates_of_class
@@ -95,7 +95,7 @@ class Cone(RowAntenna):
     does, so this antenna needs `line_of_sight: mean` and no shadowing.
     """
 
-    half_angle_deg: Annotated[float, Gt(0), Lt(90)]
+    half_angle_deg: Annotated[float, Gt(0), Le(89)]
     """The angle between straight down and the edge of the cone, in degrees."""
     gain_dbi: Gain
     """The gain within the cone, its edge included, in dBi."""

@@ -149,7 +149,7 @@ def test_the_papers_disc_is_a_cone(engine):
         ({"line_of_sight": "drawn"}, "the antenna cone needs line_of_sight: mean and no shadowing"),
         (
             {"antenna": {"kind": "cone", "half_angle_deg": 90, "gain_dbi": 1, "side_dbi": 0}},
-            "below 90",
+            "at most 89",
         ),
         (
             {"antenna": {"kind": "cone", "half_angle_deg": 9, "gain_dbi": 1, "side_dbi": 2}},
