@@ -12,8 +12,6 @@ state is decided once, at the time in the middle.
 
 from __future__ import annotations
 
-import numpy as np
-
 from desim_uav.model.geometry.polynomial import Coefficients, sign_changes
 from desim_uav.model.geometry.relative import rounded_us
 from desim_uav.model.radio.buildings import Buffers, Buildings, Stretch
@@ -28,6 +26,8 @@ from desim_uav.model.radio.sweeps import (
     line_at,
     may_block,
     range_at,
+    rows_of,
+    share_below,
     shares,
     sweep_of,
     wall,
@@ -198,12 +198,10 @@ def _look_in(
         window.start,
         window.stop,
     )
-    low, high, share = min(uz, tz), min(pz, qz), 1.0
-    if low >= buildings.tallest_m:
-        if high >= buildings.tallest_m:
-            return count
-    elif high > buildings.tallest_m:
-        share = (buildings.tallest_m - low) / (high - low)
+    low, high = min(uz, tz), min(pz, qz)
+    share = share_below(low, high, buildings.tallest_m)
+    if share < 0.0:
+        return count
     begun, partly, others = count, 0, (-1, -1, -1)
     stamp = buffers.visited[len(buffers.visited) - 1] + 1
     buffers.visited[len(buffers.visited) - 1] = stamp
@@ -215,21 +213,9 @@ def _look_in(
         count_along, count_across = count_across, count_along
         side, side_across = side_across, side
         stride, stride_across = 1, stride
-    first = bucket_of(
-        min(along.at - along.near, along.at + along.goes - along.far), side, count_along
-    )
-    last = bucket_of(
-        max(along.at + along.near, along.at + along.goes + along.far), side, count_along
-    )
-    step = 1
-    if along.goes < 0.0:
-        first, last, step = last, first, -1
+    first, last, step = rows_of(along, side, count_along)
     for i in range(first, last + step, step):
-        begin, end = shares(
-            along,
-            i * side if i > 0 else -np.inf,
-            (i + 1) * side if i + 1 < count_along else np.inf,
-        )
+        begin, end = shares(along, i, side, count_along)
         if begin > end:
             continue
         over_m = low + (high - low) * share * (begin if high > low else end) - BESIDE_M

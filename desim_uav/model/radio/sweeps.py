@@ -215,10 +215,32 @@ def sweep_of(user: float, later: float, drone: float, after: float, share: float
 
 
 @part
-def shares(sweep: Sweep, low: float, high: float) -> tuple[float, float]:
-    """Return the first and the last share of what is swept that may be between two places."""
+def share_below(low: float, high: float, tallest_m: float) -> float:
+    """Return the share of a line, from the user on, that is below the tallest roof, or -1 if none.
+
+    ``low`` and ``high`` are the least altitudes of the user and of the drone.
+    """
+    if low >= tallest_m:
+        return -1.0 if high >= tallest_m else 1.0
+    return (tallest_m - low) / (high - low) if high > tallest_m else 1.0
+
+
+@part
+def rows_of(sweep: Sweep, side: float, count: int) -> tuple[int, int, int]:
+    """Return the first and the last row of buckets that are swept, and the step between rows."""
+    to = sweep.at + sweep.goes
+    low = bucket_of(min(sweep.at - sweep.near, to - sweep.far), side, count)
+    high = bucket_of(max(sweep.at + sweep.near, to + sweep.far), side, count)
+    return (high, low, -1) if sweep.goes < 0.0 else (low, high, 1)
+
+
+@part
+def shares(sweep: Sweep, row: int, side: float, count: int) -> tuple[float, float]:
+    """Return the first and the last share of what is swept that may be in a row of buckets."""
     if abs(sweep.goes) < SHORT_M:
         return 0.0, 1.0
+    low = row * side if row > 0 else -np.inf
+    high = (row + 1) * side if row + 1 < count else np.inf
     wide = max(sweep.near, sweep.far)
     one = (low - wide - sweep.at) / sweep.goes
     other = (high + wide - sweep.at) / sweep.goes
