@@ -133,11 +133,14 @@ def print_bench(content: dict[str, Any]) -> None:
 
 
 def links_in_words(summary: dict[str, Any]) -> str:
-    """Return what happened to links, and what was delivered, of the summary of a run."""
-    return (
+    """Return what happened to links, and what volume was delivered if any, of a run's summary."""
+    form = (
         "{link_handovers} handover(s) between drones, {ping_pongs} of them ping-pong(s); "
-        "{outages} outage(s) of {outage_s:.1f} s in all; {delivered_mbit:.1f} Mbit delivered"
-    ).format(**summary)
+        "{outages} outage(s) of {outage_s:.1f} s in all"
+    )
+    if summary["delivered_mbit"]:
+        form += "; {delivered_mbit:.1f} Mbit delivered"
+    return form.format(**summary)
 
 
 def distances_in_words(summary: dict[str, Any]) -> str:
