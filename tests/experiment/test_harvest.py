@@ -177,7 +177,7 @@ def test_the_learned_weights_collect_more_than_weights_of_0():
     ground = Ground({})
     first = 800_000
     learned, zero = (
-        bayerlein_2021.missions(ground, weights, 40, first).percent("collected and landed")
+        bayerlein_2021.missions(ground, weights, 120, first).percent("collected and landed")
         for weights in (harvester.learned(), np.zeros(len(FEATURES)))
     )
     more = learned - zero
