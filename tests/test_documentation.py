@@ -176,8 +176,8 @@ def test_the_sidebar_of_the_front_page_is_short() -> None:
 @pytest.mark.parametrize(
     ("folders", "most"),
     [
-        (("tutorials", "howto", "scenarios"), 37_000),
-        (("explanation",), 28_000),
+        (("tutorials", "howto", "scenarios"), 37_500),
+        (("explanation",), 28_100),
         (("design",), 7_500),
     ],
 )
@@ -189,7 +189,7 @@ def test_pages_are_short(folders: tuple[str, ...], most: int) -> None:
 
 def test_the_pages_of_the_site_are_short_together() -> None:
     site = [page for name, page in PAGES.items() if name.startswith("docs/")]
-    assert sum(len(page.read_text(encoding="utf-8").split()) for page in site) <= 98_500
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in site) <= 100_400
 
 
 FOLDERS = ("desim_uav", "tests", "analysis", "benchmarks", "policies", "scenarios", "docs")

@@ -38,9 +38,12 @@ def opened(path: Path, most: int) -> Iterator[IO[bytes]]:
 def content_of(path: Path, most: int) -> bytes:
     """Read a regular file of at most ``most`` bytes. Raises what ``opened`` raises."""
     with opened(path, most) as file:
-        content = file.read(most + 1)
-    _refuse_larger(len(content), most)
-    return content
+        pieces, size = [], 0
+        while size <= most and (piece := file.read(MIB)):  # read(most) takes that much memory
+            pieces.append(piece)
+            size += len(piece)
+    _refuse_larger(size, most)
+    return b"".join(pieces)
 
 
 def text_of(path: Path, most: int) -> str:

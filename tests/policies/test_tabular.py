@@ -200,7 +200,7 @@ def test_shipped_tables_are_found_by_name(tmp_path: Path, monkeypatch: pytest.Mo
     assert find_table("./none.npz") == Path("none.npz")
 
 
-OTHERS = ("ppo_", "mappo_", "expert_", "dispatch.")
+OTHERS = ("ppo_", "mappo_", "expert_", "planner_", "dispatch.")
 TABLES = [name for name in trained_names() if not name.startswith(OTHERS)]
 
 VARIANTS = {f"edge_{kind}.npz": ("edge", [f"offloading={kind}"]) for kind in ("always", "shortest")}
