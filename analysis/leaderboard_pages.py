@@ -7,7 +7,6 @@ performance profiles of all of them in one figure.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,8 +28,8 @@ OVERVIEW = "overview.md"
 NOTE = "<!-- written by analysis/leaderboard.py -->\n\n"
 SCORES = ("Policy", "Score", "Less than the best by", "Better than the best", "Better than 0")
 OTHERS = (
-    *("Policy", "Fairness", "Worst tenth of users, QoE1 %", "J per Mbit", "Decision, ms"),
-    *("Uses", "Checked", "Trainings", "Seeds"),
+    *("Policy", "More than the next one by", "Better than the next one", "Fairness"),
+    *("Worst tenth of users, QoE1 %", "J per Mbit", "Decision, ms", "Each training", "Seeds"),
 )
 
 NEARLY_SOLVED, MANY = 0.9, 3
@@ -69,8 +68,7 @@ def write(
         by_family.setdefault(_task(table).family, []).append(table)
     for family, those in by_family.items():
         write_at(folder / f"{family}.png", _figure(those))
-        own = [one for one in submissions if one.task.family == family]
-        write_at(folder / f"{family}.md", _page(family, those, own).encode())
+        write_at(folder / f"{family}.md", _page(family, those).encode())
     names = list(dict.fromkeys(one.about.name for one in submissions))
     of_all = [table for table in tables if "tasks" in table]
     ordered = [table for those in by_family.values() for table in those]
@@ -143,6 +141,8 @@ def _overview(
         _markdown(heads, lines),
         _summary(tables),
         *map(_of_several, of_all),
+        "## What the policies use\n",
+        _markdown(("Policy", "Uses", "Checked"), _claims(tables, names)),
         "## How it was made\n",
         '```sh by-hand="takes hours"\npython analysis/leaderboard.py -j 2\n```\n',
         costs(),
@@ -180,6 +180,15 @@ def _of_task(table: Table, names: Sequence[str]) -> list[str]:
     apart = str(told_apart(table))
     said = [f"[{task.family}]({where})", task.size, table["track"], seeds]
     return [*said, *cells, escaped.markdown(best), apart]
+
+
+def _claims(tables: Sequence[Table], names: Sequence[str]) -> Iterable[list[str]]:
+    """Yield for each policy what it declares to use in all tasks, and how that was checked."""
+    for name in names:
+        own = [row for table in tables for row in table["rows"] if row["policy"] == name]
+        for uses in dict.fromkeys(row["information"] for row in own):
+            checks = dict.fromkeys(row["checked"] for row in own if row["information"] == uses)
+            yield [escaped.markdown(name), escaped.markdown(uses), ", ".join(checks)]
 
 
 def _of_several(table: Table) -> str:
@@ -240,15 +249,14 @@ def _fields(plan: Sequence[Planned]) -> Iterable[list[str]]:
         yield [size, track, str(len(own)), str(there), said]
 
 
-def _page(family: str, tables: Sequence[Table], submissions: Sequence[Submission]) -> str:
+def _page(family: str, tables: Sequence[Table]) -> str:
     title = f"# Leaderboard: {family}\n\n"
     links = "The columns are explained in [](../benchmark.md), and [](overview.md) has all tasks.\n"
-    sections = [_section(table, submissions) for table in tables]
     figure = f"## Profiles\n\n![The share of runs that reach each score, by policy]({family}.png)\n"
-    return "\n".join([NOTE + title + links, *sections, figure])
+    return "\n".join([NOTE + title + links, *map(_section, tables), figure])
 
 
-def _section(table: Table, submissions: Sequence[Submission]) -> str:
+def _section(table: Table) -> str:
     task, rows = _task(table), table["rows"]
     labels = [KNOWN[name].label for name in table["measures"]]
     unproven = "" if table["bounded"] else " No bound is proven for the model of this task."
@@ -260,16 +268,8 @@ def _section(table: Table, submissions: Sequence[Submission]) -> str:
             (_scores(row, table["measures"]) for row in rows),
         ),
         "What else was measured:\n",
-        _markdown(OTHERS, map(_others, rows)),
+        _markdown(OTHERS, _others(rows)),
     ]
-    neighbours = list(_neighbours(rows))
-    if neighbours:
-        heads = ("Policy", "The next one", "Difference of scores", "Better than it")
-        parts += ["Each policy and the next one, paired by seed:\n", _markdown(heads, neighbours)]
-    trainings = list(_trainings(table, submissions))
-    if trainings:
-        heads = ("Policy", "Training", "Score", "Digest of its decisions")
-        parts += ["Each training:\n", _markdown(heads, trainings)]
     return "\n".join(parts)
 
 
@@ -284,45 +284,29 @@ def _scores(row: Table, measures: Sequence[str]) -> list[str]:
     ]
 
 
-def _others(row: Table) -> list[str]:
-    return [
-        _name(row),
-        number_of(row["fairness"], 3),
-        number_of(row["worst_tenth_qoe1_percent"], 1),
-        number_of(row["j_per_mbit"], 1),
-        number_of(row["decision_ms"], 2),
-        escaped.markdown(row["information"]),
-        row["checked"],
-        number_of(row["trainings"], 0),
-        str(row["seeds"]),
-    ]
-
-
-def _neighbours(rows: Sequence[Table]) -> Iterable[list[str]]:
+def _others(rows: Sequence[Table]) -> Iterable[list[str]]:
     scored = [row for row in rows if row["scores"]]
-    for one, other in pairwise(scored):
-        pairing = _pair(one, other)
-        if pairing is not None:
-            cells = (cell_of(pairing.difference, 3), cell_of(pairing.improvement, 2))
-            yield [_name(one), _name(other), *cells]
+    following = dict(zip((row["policy"] for row in scored), scored[1:], strict=False))
+    for row in rows:
+        other = following.get(row["policy"])
+        pairing = _pair(row, other) if other is not None else None
+        yield [
+            _name(row),
+            cell_of(pairing.difference, 3) if pairing is not None else "-",
+            cell_of(pairing.improvement, 2) if pairing is not None else "-",
+            number_of(row["fairness"], 3),
+            number_of(row["worst_tenth_qoe1_percent"], 1),
+            number_of(row["j_per_mbit"], 1),
+            number_of(row["decision_ms"], 2),
+            _trainings(row),
+            str(row["seeds"]),
+        ]
 
 
-def _trainings(table: Table, submissions: Sequence[Submission]) -> Iterable[list[str]]:
-    """Yield the lines of trainings; those that decide alike are one."""
-    by_name = {
-        one.about.name: one
-        for one in submissions
-        if (one.task.name, one.track.name) == (table["task"], table["track"])
-    }
-    for row in table["rows"]:
-        about = by_name[row["policy"]].about
-        digests = list(dict.fromkeys(one.decisions_sha256 for one in about.trainings))
-        if len(digests) < 2 or not row["scores"]:
-            continue
-        for digest, scores in zip(digests, row["scores"], strict=True):
-            number = [one.decisions_sha256 for one in about.trainings].index(digest)
-            score = interquartile_mean([scores])
-            yield [_name(row), str(number), cell_of(score, 3), f"`{digest[:12]}`"]
+def _trainings(row: Table) -> str:
+    """Return the score of each training that decides otherwise than the ones before it."""
+    scores = row["scores"] if row["trainings"] else []
+    return ", ".join(f"{interquartile_mean([one]).value:.3f}" for one in scores) or "-"
 
 
 def _name(row: Table) -> str:
