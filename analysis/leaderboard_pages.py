@@ -26,7 +26,7 @@ from desim_uav.measures.known import KNOWN
 
 OVERVIEW = "overview.md"
 NOTE = "<!-- written by analysis/leaderboard.py -->\n\n"
-SCORES = ("Policy", "Score", "Less than the best by", "Better than the best", "Better than 0")
+SCORES = ("Policy", "Score", "Less than the best by")
 OTHERS = (
     *("Policy", "More than the next one by", "Better than the next one", "Fairness"),
     *("Worst tenth of users, QoE1 %", "J per Mbit", "Decision, ms", "Each training", "Seeds"),
@@ -268,7 +268,7 @@ def _section(table: Table) -> str:
             (_scores(row, table["measures"]) for row in rows),
         ),
         "What else was measured:\n",
-        _markdown(OTHERS, _others(rows)),
+        _markdown(*_filled(OTHERS, _others(rows))),
     ]
     return "\n".join(parts)
 
@@ -278,7 +278,6 @@ def _scores(row: Table, measures: Sequence[str]) -> list[str]:
         _name(row),
         cell_of(row["score"], 3),
         cell_of(row["to_best"], 3),
-        *(cell_of(row[name], 2) for name in ("better_than_best", "better_than_reference")),
         *(cell_of(row[name], 2) for name in measures),
         number_of(row["crashes_per_drone_episode"], 3),
     ]
@@ -301,6 +300,15 @@ def _others(rows: Sequence[Table]) -> Iterable[list[str]]:
             _trainings(row),
             str(row["seeds"]),
         ]
+
+
+def _filled(
+    heads: Sequence[str], lines: Iterable[Sequence[str]]
+) -> tuple[list[str], list[list[str]]]:
+    """Return the columns of a table in which at least one cell says something."""
+    columns = [[head, *cells] for head, *cells in zip(heads, *lines, strict=True)]
+    kept, *rest = zip(*(each for each in columns if set(each[1:]) != {"-"}), strict=True)
+    return list(kept), [list(cells) for cells in rest]
 
 
 def _trainings(row: Table) -> str:
