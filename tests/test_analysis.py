@@ -625,6 +625,14 @@ def test_what_is_missing_of_the_leaderboard_is_said(tmp_path):
     assert "Missing" not in pages.costs(plan[:1], times)
 
 
+def test_columns_of_the_leaderboard_without_content_are_left_out():
+    filled = importlib.import_module("leaderboard_pages")._filled
+    heads = ("Policy", "J per Mbit", "Seeds")
+    lines = [["greedy", "-", "10"], ["hover", "-", "-"]]
+    assert filled(heads, lines) == (["Policy", "Seeds"], [["greedy", "10"], ["hover", "-"]])
+    assert filled(heads[:1], []) == (["Policy"], [])
+
+
 @pytest.mark.thorough
 def test_a_schedule_of_edge_counts_as_runs_do_and_changes_for_the_better():
     script = importlib.import_module("edge_schedule")
