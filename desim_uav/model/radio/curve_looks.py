@@ -93,6 +93,7 @@ def compare_quickly(air: Air, row: int, k: int) -> bool:
     link = air.links[k]
     entry = link.looks[row]
     rate(air, row, k)
+    entry.margin_db = max(entry.margin_db, ROUNDED_DB)
     entry.state = class_at(air, k, entry.ratio_db)
     if _is_clear(air, link, entry.state, entry.ratio_db, entry.margin_db):
         return True

@@ -23,6 +23,13 @@ from desim_uav.rowcode.views import zeros
 CELLS = 4096
 """The number of cells, a power of two."""
 
+FEWEST_PARTS, MOST_PARTS = 12, 1000
+"""How many parts of a cell are bounded, one after another. The error of a bound falls with the
+square of their number."""
+
+ENOUGH_DB = 1e-9
+"""A cell whose error is known to be no larger is not divided into more parts."""
+
 MOST_CURVES = 8
 """The most heights of a radio for which there are curves; each takes 384 KiB."""
 
@@ -88,12 +95,10 @@ def draw(curves: int, count: int, level: int, rates_of: int, values: int, carrie
     """Compute curves at an address, of a path loss that is given by addresses (``levels.Loss``).
 
     The cubic goes through the gains at both ends and at the thirds of a cell, as they are computed
-    from the path loss. Between two of these places, both slopes have bounds: that of the level by
-    the path loss (``rates``), and that of the cubic because its derivative is a parabola. Both
-    levels are equal at the two places, so that between them they differ by at most half the
-    distance times the most that the slopes differ. docs/explanation/sinr.md proves it.
+    from the path loss. How far its level may be from that of the path loss is bounded in parts of
+    the cell (``_bound``), of which there are more where the error is larger.
     """
-    own = curves_at(curves, count)
+    own, loss = curves_at(curves, count), (level, rates_of, values, carrier)
     for number in range(count):
         curve = own[number]
         curve.error_db = 0.0
@@ -110,14 +115,10 @@ def draw(curves: int, count: int, level: int, rates_of: int, values: int, carrie
             end = np.exp(-call_for_float(level, place) / DB)
             cell, slope = curve.cells[i], curve.slopes[CELLS + i]
             _fit(cell, g0, g1, g2, end)
-            cell.least, cell.most, cell.error_db = np.inf, -np.inf, 0.0
-            for part in range(3):
-                middle_m = near_m + (part + 0.5) * third
-                near = (values, carrier, MEAN, middle_m, curve.height_m, 0.5 * third)
-                call(rates_of, (*near, address(curve.rates)))
-                least, most = curve.rates.least_away, curve.rates.most_away
-                cell.least, cell.most = min(cell.least, least), max(cell.most, most)
-                cell.error_db = max(cell.error_db, _error_db(curve, i, part, least, most))
+            _bound(curve, i, FEWEST_PARTS, loss)
+            if ENOUGH_DB < cell.error_db < np.inf:
+                more = FEWEST_PARTS * np.sqrt(cell.error_db / ENOUGH_DB) + 1.0
+                _bound(curve, i, int(min(more, MOST_PARTS)), loss)
             slope.least, slope.most = cell.least, cell.most
             curve.error_db = max(curve.error_db, cell.error_db)
         for k in range(CELLS - 1, 0, -1):
@@ -139,17 +140,47 @@ def _fit(cell: Cell, g0: float, g1: float, g2: float, g3: float) -> None:
 
 
 @rule
-def _error_db(curve: Curve, i: int, part: int, least: float, most: float) -> float:
-    """Return a bound of how far a cubic is from a level in a third, which rises by such slopes."""
-    cell, s, e = curve.cells[i], part / 3.0, (part + 1.0) / 3.0
+def _bound(curve: Curve, i: int, parts: int, loss: tuple[int, int, int, float]) -> None:
+    """Write the bounds of a cell, by so many parts of it.
+
+    At both ends of a part, the difference of both levels is computed. Between them, both slopes
+    have bounds: that of the level by the path loss (``rates``), and that of the cubic because its
+    derivative is a parabola. The difference therefore grows by at most half the length of the part
+    times the most that the slopes differ. docs/explanation/sinr.md proves it.
+    """
+    level, rates_of, values, carrier = loss
+    cell, length, apart = curve.cells[i], 1.0 / (parts * curve.per_m), 0.0
+    cell.least, cell.most, cell.error_db = np.inf, -np.inf, 0.0
+    for part in range(parts):
+        middle_m = i / curve.per_m + (part + 0.5) * length
+        near = (values, carrier, MEAN, middle_m, curve.height_m, 0.5 * length)
+        call(rates_of, (*near, address(curve.rates)))
+        least, most = curve.rates.least_away, curve.rates.most_away
+        cell.least, cell.most = min(cell.least, least), max(cell.most, most)
+        place = (values, carrier, MEAN, middle_m + 0.5 * length, curve.height_m)
+        before, gain = apart, value_of(cell, (part + 1.0) / parts)
+        if not gain > 0.0:
+            cell.error_db = np.inf
+            return
+        apart = abs(call_for_float(level, place) + DB * np.log(gain))
+        error_db = max(before, apart) + _grows_db(curve, i, part, parts, least, most)
+        cell.error_db = max(cell.error_db, error_db)
+
+
+@rule
+def _grows_db(curve: Curve, i: int, part: int, parts: int, least: float, most: float) -> float:
+    """Return by how much more two levels may differ within a part of a cell than at its ends.
+
+    One is that of the cubic, and the other one rises by such slopes.
+    """
+    cell, s, e = curve.cells[i], part / parts, (part + 1.0) / parts
     first = cell.c1 + s * (2.0 * cell.c2 + s * 3.0 * cell.c3)
     last = cell.c1 + e * (2.0 * cell.c2 + e * 3.0 * cell.c3)
     low, high = min(first, last), max(first, last)
-    bends = abs(0.75 * cell.c3) / 9.0  # a parabola is at most so far beyond its ends
+    bends = abs(0.75 * cell.c3) / parts**2  # a parabola is at most so far beyond its ends
     low, high = low - bends, high + bends
-    begins = cell.c0 + s * (cell.c1 + s * (cell.c2 + s * cell.c3))
-    ends = cell.c0 + e * (cell.c1 + e * (cell.c2 + e * cell.c3))
-    changes = max(abs(low), abs(high)) / 3.0
+    begins, ends = value_of(cell, s), value_of(cell, e)
+    changes = max(abs(low), abs(high)) / parts
     smallest, largest = min(begins, ends) - changes, max(begins, ends) + changes
     if not smallest > 0.0:
         return np.inf
@@ -157,7 +188,13 @@ def _error_db(curve: Curve, i: int, part: int, least: float, most: float) -> flo
     flattest = by * (low / smallest if low < 0.0 else low / largest)
     steepest = by * (high / largest if high < 0.0 else high / smallest)
     apart = max(most - flattest, steepest - least)
-    return float(apart / (6.0 * curve.per_m) + 1e-9)
+    return float(apart / (2.0 * parts * curve.per_m) + 1e-10)
+
+
+@rule
+def value_of(cell: Cell, share: float) -> float:
+    """Return the gain at a share of a cell."""
+    return cell.c0 + share * (cell.c1 + share * (cell.c2 + share * cell.c3))
 
 
 @rule
@@ -178,5 +215,4 @@ def gain_at(curve: Curve, distance_m: float) -> float:
     """Return the gain at a distance below ``reach_m``."""
     at = distance_m * curve.per_m
     i = int(at)
-    cell, s = curve.cells[i], at - i
-    return cell.c0 + s * (cell.c1 + s * (cell.c2 + s * cell.c3))
+    return value_of(curve.cells[i], at - i)

@@ -2,8 +2,9 @@
 
 It finds what ``model.radio.search`` finds, bit for bit, or says that it cannot. Each decision holds
 for all levels that differ from those of the curves (``model.radio.curves``) by no more than they
-may. Only near a threshold are levels computed from the path loss: where a look is, and once for
-each time at which a threshold is passed. docs/explanation/sinr.md proves it.
+may. Levels are computed from the path loss only where a look is near a threshold, and where the
+errors of the curves leave open in which microsecond a threshold is passed. docs/explanation/sinr.md
+proves it.
 """
 
 from __future__ import annotations
@@ -334,17 +335,16 @@ def _pass_us(
     """Return the microsecond in which a ratio passes a threshold, and about when in seconds.
 
     The microsecond is below 0 if it is not sure. Newton's method shows about when the curves pass
-    the threshold, which is not before ``low``. There, the ratio is computed from the path loss.
-    Bounds of its slope then say between which two times it passes the threshold.
+    the threshold, which is not before ``low``. Bounds of the ratio's slope then say between which
+    two times it passes the threshold, by the ratio of the curves with its error. If this leaves two
+    microseconds, the ratio is computed from the path loss.
     """
     link, high = air.links[k], air.looked_s[left - 1]
     entry, t, at = link.looks[SPARE], _guess(air, k, left, threshold), low
     rises = link.looks[left - 1].state > link.state
     for _ in range(TRIES):
         at = min(max(t, low), high)
-        for i in range(air.used):
-            see(air.links[i], SPARE, at)
-        rate(air, SPARE, k)
+        _try(air, k, at)
         if (entry.ratio_db >= threshold) == rises:
             high = at
         else:
@@ -361,20 +361,31 @@ def _pass_us(
     flattest = min(abs(least), abs(most))
     if not (least > 0.0 or most < 0.0) or not flattest > 0.0:
         return -1, t
-    sure = SURE_S + NOISE_DB / flattest
-    for _ in range(3):
-        gap = threshold - ratio_db(air, k, t)
-        one, other = t + gap / least, t + gap / most
+    t = min(max(t, low), high)
+    _try(air, k, t)
+    ratio, error_db = entry.ratio_db, entry.margin_db
+    for _ in range(4):
+        sure = SURE_S + (NOISE_DB + error_db) / flattest
+        one, other = t + (threshold - ratio) / least, t + (threshold - ratio) / most
         first, last = min(one, other) - sure, max(one, other) + sure
         if first < at - NEAR_S or last > at + NEAR_S:
             break
         t_us = rounded_us(air.start_us, begin + first)
         if t_us == rounded_us(air.start_us, begin + last):
             return t_us, t
-        if last - first < 3.0 * sure:
+        if error_db == 0.0 and last - first < 3.0 * sure:
             break
         t = 0.5 * (one + other)
+        ratio, error_db = ratio_db(air, k, t), 0.0
     return -1, t
+
+
+@rule
+def _try(air: Air, k: int, t: float) -> None:
+    """Look by curves at a time for the ratio of a signal, into the spare row."""
+    for i in range(air.used):
+        see(air.links[i], SPARE, t)
+    rate(air, SPARE, k)
 
 
 @rule

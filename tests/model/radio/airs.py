@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from tests.model.sampler import Walk
 
 FREE_AT_1M_DB = 20.0 * np.log10(4e9 * np.pi * 2.0 / 299_792_458.0)
 USER_M = 1.5
+KEPT = {}
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,16 @@ class Sky:
         return Air(self, room, reach_m)
 
 
+def draw_kept(radio, path_loss):
+    """Draw the curves of a radio in memory, each for the first time only."""
+    for curve in radio.curves:
+        key = path_loss, radio.carrier_ghz, curve.height_m, curve.reach_m
+        if key not in KEPT:
+            draw_curves(SimpleNamespace(radios=[radio]))
+            KEPT[key] = curve.error_db, curve.cells.array.copy(), curve.slopes.array.copy()
+        curve.error_db, curve.cells.array[:], curve.slopes.array[:] = KEPT[key]
+
+
 class Air:
     """The rows of a sky in memory, and the calls of its kernels."""
 
@@ -159,7 +171,8 @@ class Air:
             own.air.marks = records(Mark, [*chain(*marks)])
             own.air.marks_at = self._marks_at(offsets(marks), users)
         self.scene, self.sky, self.users = in_memory(scene), in_memory(own), users
-        draw_curves(self.scene)
+        for i, radio in enumerate(self.scene.radios):
+            draw_kept(radio, sky.radios[i].path_loss)
         legs = [walks(walk, START_US) for walk in sky.walks]
         self.walks, self.begins = np.concatenate(legs), offsets(legs)
 
