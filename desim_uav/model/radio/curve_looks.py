@@ -1,8 +1,8 @@
 """What is seen of the links of a user when one looks by curves (``model.radio.curves``).
 
 A level differs from that of a curve by no more than the curve's error. A ratio differs by no more
-than the error of its signal and the largest of its interferers, because the interference in dB is
-at most raised by the most by which one of them is.
+than the error of its signal and ``SHARED`` times the mean of those of its interferers, weighted
+with their shares of noise and interference. docs/explanation/sinr.md proves it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ from desim_uav.rowcode.kernels import rule
 
 NEAREST_M = 0.1
 """Links that are shorter than this on the ground are left to the other search."""
+
+SHARED = 1.1
+"""By how much more than their mean errors of interferers may change a ratio, in dB."""
 
 SPARE = LOOKS - 1
 """The row of looks for places where a curve is tried."""
@@ -64,12 +67,14 @@ def copy_look(air: Air, row: int) -> None:
 @rule
 def rate(air: Air, row: int, k: int) -> None:
     """Write the ratio of a signal by the curves, its derivative and a bound of its error."""
-    entry, error_db = air.links[k].looks[row], 0.0
+    entry, errors = air.links[k].looks[row], 0.0
     for i in range(air.used):
         if i != k:
-            error_db = max(error_db, air.links[i].looks[row].error_db)
-    entry.ratio_db = DB * np.log(entry.power_mw / follow_slope(air, row, k))
-    entry.margin_db = entry.error_db + error_db
+            other = air.links[i].looks[row]
+            errors += other.power_mw * other.error_db
+    others_mw = follow_slope(air, row, k)
+    entry.ratio_db = DB * np.log(entry.power_mw / others_mw)
+    entry.margin_db = entry.error_db + SHARED * errors / others_mw
 
 
 @rule

@@ -23,11 +23,11 @@ from desim_uav.rowcode.views import zeros
 CELLS = 4096
 """The number of cells, a power of two."""
 
-FEWEST_PARTS, MOST_PARTS = 12, 1000
+FEWEST_PARTS, MOST_PARTS = 12, 500
 """How many parts of a cell are bounded, one after another. The error of a bound falls with the
 square of their number."""
 
-ENOUGH_DB = 1e-9
+ENOUGH_DB = 2e-9
 """A cell whose error is known to be no larger is not divided into more parts."""
 
 MOST_CURVES = 8

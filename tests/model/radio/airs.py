@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -28,8 +27,7 @@ from tests.model.radio.making import START_US, flying, hovering, walks
 from tests.model.sampler import Walk
 
 FREE_AT_1M_DB = 20.0 * np.log10(4e9 * np.pi * 2.0 / 299_792_458.0)
-USER_M = 1.5
-KEPT = {}
+USER_M, CARRIER_GHZ = 1.5, 2.0
 
 
 @dataclass(frozen=True)
@@ -123,14 +121,19 @@ class Sky:
         return Air(self, room, reach_m)
 
 
-def draw_kept(radio, path_loss):
-    """Draw the curves of a radio in memory, each for the first time only."""
-    for curve in radio.curves:
-        key = path_loss, radio.carrier_ghz, curve.height_m, curve.reach_m
-        if key not in KEPT:
-            draw_curves(SimpleNamespace(radios=[radio]))
-            KEPT[key] = curve.error_db, curve.cells.array.copy(), curve.slopes.array.copy()
-        curve.error_db, curve.cells.array[:], curve.slopes.array[:] = KEPT[key]
+@cache
+def kept_curve(path_loss, height_m, reach_m):
+    """The curve of a path loss at a height, which is drawn once."""
+    scene, radio = blank(Scene), blank(Propagation)
+    radio.level, radio.rates, radio.loss_values = kept_loss(path_loss)[:3]
+    radio.carrier_ghz, curve = CARRIER_GHZ, blank_curve(height_m, reach_m)
+    scene.radios, radio.curves = Table([radio]), Table([curve])
+    scene = in_memory(scene)
+    draw_curves(scene)
+    drawn = scene.radios[0].curves[0]
+    curve.error_db = drawn.error_db
+    curve.cells[:], curve.slopes[:] = drawn.cells.array, drawn.slopes.array
+    return curve
 
 
 class Air:
@@ -149,14 +152,16 @@ class Air:
             radio, loss = scene.radios[i], kept_loss(sky.radios[i].path_loss)
             radio.level, radio.rates, radio.loss_values = loss[:3]
             radio.carrier_ghz, radio.power_dbm, radio.noise_dbm = (
-                2.0,
+                CARRIER_GHZ,
                 sky.powers_dbm[i],
                 sky.noise_dbm,
             )
             radio.lowest, radio.classes = i * len(sky.thresholds), len(sky.thresholds)
             radio.ratios = Table(np.exp(np.array(sky.thresholds) / DB).tolist())
             if reach_m > 0.0:
-                radio.curves = Table([blank_curve(leg.route[2] - USER_M, reach_m)])
+                radio.curves = Table(
+                    [kept_curve(sky.radios[i].path_loss, leg.route[2] - USER_M, reach_m)]
+                )
             row = own.legs[i]
             row.x0_m, row.y0_m, row.z0_m, row.x1_m, row.y1_m, row.z1_m = leg.route
             row.since_us, row.transit, row.radio = START_US - leg.before_us, i, i
@@ -171,8 +176,6 @@ class Air:
             own.air.marks = records(Mark, [*chain(*marks)])
             own.air.marks_at = self._marks_at(offsets(marks), users)
         self.scene, self.sky, self.users = in_memory(scene), in_memory(own), users
-        for i, radio in enumerate(self.scene.radios):
-            draw_kept(radio, sky.radios[i].path_loss)
         legs = [walks(walk, START_US) for walk in sky.walks]
         self.walks, self.begins = np.concatenate(legs), offsets(legs)
 
