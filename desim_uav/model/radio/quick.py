@@ -122,13 +122,7 @@ def search_quickly(air: Air, begin: float, lasts: float) -> bool:
 
     It does what ``search`` does. In the first stretch of a span, it also notes the classes there.
     """
-    seen = _begin(air) if begin == 0.0 else _go_on(air)
-    seen = seen and look_quickly(air, 0, lasts)
-    for k in range(air.used):
-        if air.links[k].sought:
-            air.links[k].settled_s = 0.0
-            seen = seen and compare_quickly(air, 0, k)
-    if not seen:
+    if not _look_at_ends(air, begin, lasts):
         return False
     left = 1
     while left > 0:
@@ -173,6 +167,18 @@ def _divide(air: Air, left: int) -> bool:
         link = air.links[k]
         if link.sought and link.settled_s <= since:
             seen = seen and compare_quickly(air, left, k)
+    return bool(seen)
+
+
+@rule
+def _look_at_ends(air: Air, begin: float, lasts: float) -> bool:
+    """Look at the start and the end of a stretch; return False if it cannot."""
+    seen = _begin(air) if begin == 0.0 else _go_on(air)
+    seen = seen and look_quickly(air, 0, lasts)
+    for k in range(air.used):
+        if air.links[k].sought:
+            air.links[k].settled_s = 0.0
+            seen = seen and compare_quickly(air, 0, k)
     return bool(seen)
 
 
