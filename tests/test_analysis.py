@@ -433,7 +433,7 @@ def test_the_leaderboard_is_made_once_and_what_was_changed_is_made_anew(leaderbo
     assert re.search(
         r"\| \[coverage\]\(.*\| small \| one \| 1 \| -.* \| \*\*0.000\*\* \|", overview
     )
-    assert "| verification | 2 |" in overview and "| replayed |" in page.read_text(encoding="utf-8")
+    assert "| verification | 2 |" in overview and "| replayed |" in overview
     assert (leaderboard.PAGES / "coverage.png").read_bytes().startswith(b"\x89PNG")
     hover.write_text(hover.read_text(encoding="utf-8") + "\n", encoding="utf-8")
     assert lead("--list")[1] == "coverage-small-one-hover\n"
@@ -474,7 +474,7 @@ def test_a_submission_that_differs_from_its_replay_fails(leaderboard, lead, monk
     monkeypatch.setattr(leaderboard, "differences", lambda _: ["seed 100: digest"])
     code, _, err = lead("hover")
     assert (code, err) == (6, "coverage-small-one-hover: seed 100: digest\n")
-    page = (leaderboard.PAGES / "coverage.md").read_text(encoding="utf-8")
+    page = (leaderboard.PAGES / "overview.md").read_text(encoding="utf-8")
     assert "| claimed |" in page and "| replayed |" not in page
 
 
