@@ -31,7 +31,7 @@ LEAST = 0.02
 
 
 def counted(ground, weights, seed):
-    """What a mission counts."""
+    """Return the value of a mission, which the training maximises."""
     mission, town = drawn(ground.town, seed), ground.town
     policy = Harvester(weights, town, mission.devices, len(mission.starts))
     outcome = ground.flown(mission, seed, policy)

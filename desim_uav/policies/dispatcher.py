@@ -46,7 +46,7 @@ WEIGHTS = {
 """What is learned, with the values from which a training begins."""
 
 SCALES = dict.fromkeys(WEIGHTS, 1.0)
-"""By how much a training varies them."""
+"""The scale in which a training varies each weight."""
 
 LATTICE_M, FINER_M = 100.0, 30.0
 RESERVE = 0.005

@@ -1,4 +1,4 @@
-"""What commands print about a run in words."""
+"""The sentences that commands print about a run."""
 
 from __future__ import annotations
 

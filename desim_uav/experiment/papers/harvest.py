@@ -252,7 +252,7 @@ GROUNDS: dict[str, dict[str, Any]] = {
     "one landing corner": {"stations.cells": CORNER},
     "no shadowing": {"drones.radio.shadowing": None},
 }
-"""How the scenario is changed, by name."""
+"""Variants of the scenario by name: the keys that are changed, and their values."""
 
 
 @cache

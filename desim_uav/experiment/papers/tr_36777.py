@@ -33,7 +33,7 @@ def rows() -> Iterator[FigureRow]:
     """Yield probabilities of line of sight, and losses at 2 GHz."""
     for name, height, distance, share in SIGHT:
         what = f"{name}, {height:.0f} m up, {distance:.0f} m away: line of sight"
-        ours = share_in_sight(SCENARIOS[name].numbers, distance, height)
+        ours = share_in_sight(SCENARIOS[name], distance, height)
         yield evaluated(what, "table B-1, evaluated apart", share, ours, 6)
     for name, height, distance, *losses in LOSSES:
         model = SCENARIOS[name]
@@ -54,7 +54,7 @@ def draw() -> Figure:
         Series(
             name,
             distances,
-            [share_in_sight(model.numbers, away, 30.0) for away in distances],
+            [share_in_sight(model, away, 30.0) for away in distances],
             tuple((away, share) for of, up, away, share in SIGHT if (of, up) == (name, 30.0)),
         )
         for name, model in SCENARIOS.items()

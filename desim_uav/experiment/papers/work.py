@@ -59,7 +59,7 @@ class Computed:
 
     @property
     def entry(self) -> Entry:
-        """How the paper is cited and computed."""
+        """The entry of the paper, with its citation and what computes its figures."""
         return ENTRIES[self.name]
 
     def count(self) -> dict[str, int]:

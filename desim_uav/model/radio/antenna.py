@@ -70,7 +70,7 @@ class Element(RowAntenna):
     beamwidth_deg: Annotated[float, Ge(1), Le(360)] = 65.0
     """The width of the beam in degrees: half of it from straight down, the gain is 3 dB less."""
     front_to_back_db: Annotated[float, Ge(0), Le(200)] = 30.0
-    """How much less the gain is at most, in dB."""
+    """The largest difference in dB between the gain straight down and that at another angle."""
 
     def gain_at(self, angle: float) -> float:
         """Return the gain of table 7.3-1."""

@@ -11,15 +11,11 @@ from desim_uav.model.radio.link import LinkBudget, LinkClass
 from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS
 from desim_uav.model.radio.rings import rings
 from desim_uav.model.radio.three_gpp import (
-    ABOVE,
-    ALWAYS,
-    D_SLOPE,
     HIGHEST_M,
-    P_SLOPE,
     SITES,
-    STATION,
     Aerial,
-    by_height_m,
+    d1_of,
+    p1_of,
     share_in_sight,
     station_range_m,
 )
@@ -45,7 +41,7 @@ ALL = {"rma": RMA, "uma": UMA, "umi": UMI}
     ],
 )
 def test_probability_of_line_of_sight(site, height_m, distance_m, share):
-    assert round(share_in_sight(site.numbers, float(distance_m), float(height_m)), 6) == share
+    assert round(share_in_sight(site, float(distance_m), float(height_m)), 6) == share
 
 
 @pytest.mark.parametrize(
@@ -58,7 +54,7 @@ def test_probability_of_line_of_sight(site, height_m, distance_m, share):
     ],
 )
 def test_parameters(site, height_m, p1_m, d1_m):
-    values = [by_height_m(site.numbers, first, height_m) for first in (P_SLOPE, D_SLOPE)]
+    values = p1_of(site, height_m), d1_of(site, height_m)
     assert [round(value, 6) for value in values] == [p1_m, d1_m]
 
 
@@ -80,20 +76,20 @@ def test_losses_at_2_ghz(site, height_m, distance_m, los_db, nlos_db):
     assert round(site.los_db(*where), 6) == los_db
     if nlos_db is not None:
         assert round(site.nlos_db(*where), 6) == nlos_db
-        share = share_in_sight(site.numbers, *where[:2])
+        share = share_in_sight(site, *where[:2])
         mean_db = share * los_db + (1.0 - share) * nlos_db
         assert site.mean_db(*where) == pytest.approx(mean_db, abs=1e-6)
 
 
 def test_distances_are_in_space_from_the_stations_antenna():
-    assert round(station_range_m(UMA.numbers, 500.0, 50.0), 4) == 500.6246
-    assert [one.numbers[STATION] for one in ALL.values()] == [35.0, 25.0, 10.0]
-    assert station_range_m(UMA.numbers, 0.0, 25.0) == 1.0
+    assert round(station_range_m(UMA, 500.0, 50.0), 4) == 500.6246
+    assert [one.station_m for one in ALL.values()] == [35.0, 25.0, 10.0]
+    assert station_range_m(UMA, 0.0, 25.0) == 1.0
 
 
 def heights_of(site: Aerial) -> Iterator[float]:
     """Heights of the report, those where something changes among them."""
-    low = site.numbers[ABOVE] + 1e-6
+    low = site.above_m + 1e-6
     yield from (low, 25.0, 35.0, 40.0, 40.001, 60.0, 100.0, 100.001, 147.0, 220.0, HIGHEST_M)
 
 
@@ -105,7 +101,7 @@ def test_losses_rise_and_sight_falls_with_the_distance(site):
             [site.los_db(d, height_m, 2.0) for d in distances],
             [site.nlos_db(d, height_m, 2.0) for d in distances],
             [site.mean_db(d, height_m, 2.0) for d in distances],
-            [-share_in_sight(site.numbers, d, height_m) for d in distances],
+            [-share_in_sight(site, d, height_m) for d in distances],
         ):
             assert np.diff(values).min() > -1e-12
 
@@ -127,8 +123,8 @@ def near(random, place: tuple[float, float], within_m: float, site: Aerial, bran
     """A place that is at most so far away, and at which the loss is defined."""
     turn, away_m = random.uniform(0.0, math.tau), within_m * math.sqrt(random.random())
     distance_m, height_m = place[0] + away_m * math.cos(turn), place[1] + away_m * math.sin(turn)
-    always = site.numbers[ALWAYS]
-    if not site.numbers[ABOVE] < height_m <= HIGHEST_M or (
+    always = site.always_m
+    if not site.above_m < height_m <= HIGHEST_M or (
         branch == MEAN and (height_m > always) != (place[1] > always)
     ):
         height_m = place[1]
@@ -141,7 +137,7 @@ def test_no_level_changes_faster_than_its_bounds(site, branch):
     random = np.random.default_rng(branch)
     loss_db = (site.mean_db, site.los_db, site.nlos_db)[branch]
     for _ in range(1500):
-        low_m = site.numbers[ABOVE] + 1e-6
+        low_m = site.above_m + 1e-6
         high_m = random.choice([60.0, HIGHEST_M])
         place = 10.0 ** random.uniform(0.0, 3.8), random.uniform(low_m, high_m)
         within_m = math.hypot(*place) * 10.0 ** random.uniform(-4.0, 0.2)
