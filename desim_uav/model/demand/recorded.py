@@ -39,7 +39,7 @@ def recorded_values(file: Path, services: Mapping[str, Service]) -> Recorded:
     for each list of their service, by its name; where a column or its value is missing, a list of
     one value has this one. Raises ValueError with file and line for what is no number.
     """
-    found = Recorded({}, [])
+    recorded = Recorded({}, [])
     most = catalogue(services, dict.fromkeys(services, 1.0)).most
     for number, (name, service) in enumerate(services.items()):
         lists = list(service.values())
@@ -51,13 +51,13 @@ def recorded_values(file: Path, services: Mapping[str, Service]) -> Recorded:
         for k, column in enumerate(names):
             cells = [each[k] for _, each in own]
             read = _Column(file, name, service, column, lines, cells, int(most[number, k]))
-            found.problems.extend(read.problems())
-            columns.append(read.numbers() if not found.problems else [0] * len(lines))
+            recorded.problems.extend(read.problems())
+            columns.append(read.numbers() if not recorded.problems else [0] * len(lines))
         if collecting_of(service) is not None:
             sent = f"service: {name!r}: only sensors send it, by demand: {{kind: sensing}}"
-            found.problems.extend(f"{file}:{line}: {sent}" for line in lines)
-        found.values.update(zip(lines, map(list, zip(*columns, strict=True)), strict=True))
-    return found
+            recorded.problems.extend(f"{file}:{line}: {sent}" for line in lines)
+        recorded.values.update(zip(lines, map(list, zip(*columns, strict=True)), strict=True))
+    return recorded
 
 
 @dataclass(frozen=True)
