@@ -16,6 +16,7 @@ import numpy as np
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
+from desim_uav.model.rules import Action
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -56,9 +57,9 @@ def seconds_per_step(world: World, hover: bool) -> float:
     player: Any = make_engine("batch", world, RunSettings((True,) * 4, False, False))
     rng = np.random.default_rng(0)
     shown = player.reset(draw(world, 1, 0))
-    total = 0.0
+    total, stay = 0.0, world.actions.index(Action.HOVER)
     while not (shown.terminated or shown.truncated):
-        chosen = [0 if hover else int(rng.choice(np.flatnonzero(mask))) for mask in shown.masks]
+        chosen = [stay if hover else int(rng.choice(np.flatnonzero(mask))) for mask in shown.masks]
         begin = time.process_time()
         shown = player.step(chosen)
         total += time.process_time() - begin

@@ -98,9 +98,9 @@ MUTATIONS = (
     ),
     Mutation(
         "sight lines do not change where they pass a roof's edge",
-        "model/radio/sight.py",
-        "        count = _add(over, end, times, count)\n",
-        "",
+        "model/radio/shadows.py",
+        "    if kind == 1:\n",
+        "    if kind == 1:\n        return 1.0, 0.0, 0.0, 0.0, 0.0\n    if kind == 1:\n",
         ("model/radio/test_link_sight.py",),
     ),
     Mutation(

@@ -8,7 +8,7 @@ from desim_uav.rowcode.rows import address
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.transits import show_leg
 from desim_uav.rules.walks import know_walks, walks_of
-from desim_uav.rules.words import LOST, NEVER
+from desim_uav.rules.words import LOST, NEVER, REST
 
 
 @rule
@@ -124,8 +124,15 @@ def _mark(world: Constants, path: Path, state: State, drone: Drone, end_us: int)
 
 @apart
 def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
-    """Write the changes on a leg to ``drone.ahead``, where they are not those of rings."""
-    end_us = state.now_us + span_us
+    """Write the changes on a leg to ``drone.ahead``, where they are not those of rings.
+
+    There are none if a drone hovers on, no user walks, and no class changed after the start of its
+    leg before. Marks, which are then alike at all times, are made only if ``passes_us`` needs them.
+    """
+    if drone.serving and drone.steady and drone.transit == REST:
+        drone.ahead.clear()
+        return
+    drone.steady, end_us = 0, state.now_us + span_us
     if not show_air(world, path, state, end_us):
         drone.ahead.clear()
         return
@@ -135,6 +142,8 @@ def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, spa
     of_leg = *walks_of(path, state), drone.index, state.now_us, end_us
     count = call_for_int(world.foresee_in_air, (*places, *of_leg))
     drone.ahead.fill(state.sky.changes, count)
+    if state.look.still and drone.transit == REST:
+        drone.steady = int(len(drone.ahead) == 0 or drone.ahead[0].t_us == state.now_us)
 
 
 @rare_rule

@@ -14,10 +14,21 @@ def look_anew(world: Constants, path: Path, state: State) -> None:
     """Forget what is known of the users' walks and of marks, at the start of an episode."""
     look, sky = state.look, state.sky
     sky.from_us = sky.to_us = look.walked_us = -1
-    look.stand = stand(world, path)
+    look.stand, look.still = stand(world, path), _still(path)
     look.walking.begun = look.walking.lost = sky.marks_lost = 0
     for k in range(len(sky.air.marks_at)):
         sky.air.marks_at[k] = 0
+
+
+@rule
+def _still(path: Path) -> int:
+    """Return whether each user stays at one place in the whole episode."""
+    if path.stepwise or len(path.legs) + 1 != len(path.legs_at):
+        return 0
+    for k in range(len(path.legs)):
+        if path.legs[k].vx_mps != 0.0 or path.legs[k].vy_mps != 0.0:
+            return 0
+    return 1
 
 
 @rule

@@ -18,6 +18,12 @@ Points = tuple[float, float, float, float]
 
 Vector = tuple[float, float, float]
 
+NEARLY = 1e-9
+"""How far places that are nearly right may be from those of ``sign_changes``."""
+
+APART = 1e-4
+"""Places that are closer to each other may be farther from the right ones."""
+
 NOTHING: Points = (np.inf, np.inf, np.inf, np.inf)
 
 
@@ -42,16 +48,32 @@ def sign_changes(c: Coefficients, above: bool, end: float, graze: float) -> tupl
     positive just before 0. At a turning point or at the end, a value within ``graze`` of zero is no
     change. The places are in order.
     """
+    count, turns = _turns(c, end)
+    return _between(c, above, count, turns, end, graze, 0.0)
+
+
+@kernel
+def near_changes(c: Coefficients, above: bool, end: float) -> tuple[int, Points]:
+    """Return as many places as ``sign_changes`` does, without ``graze``, but less exact ones.
+
+    Where two of them are ``APART`` from each other or more, they differ from the exact ones by less
+    than ``NEARLY``, relatively or absolutely.
+    """
+    count, turns = _turns(c, end)
+    return _between(c, above, count, turns, end, 0.0, NEARLY)
+
+
+@kernel
+def _turns(c: Coefficients, end: float) -> tuple[int, Points]:
+    """Return the number of turning points inside (0, ``end``), and where they are."""
     slope = (c[1], 2.0 * c[2], 3.0 * c[3], 4.0 * c[4], 0.0)
     bend = (slope[1], 2.0 * slope[2], 3.0 * slope[3], 0.0, 0.0)
-    count, turns = 0, NOTHING
-    if c[2] != 0.0 or c[3] != 0.0 or c[4] != 0.0:
-        if c[3] == 0.0 and c[4] == 0.0:
-            count, turns = _inside(-c[1] / slope[1], end)
-        else:
-            count, turns = _quadratic(bend, end)
-            count, turns = _between(slope, slope[0] > 0.0, count, turns, end, 0.0)
-    return _between(c, above, count, turns, end, graze)
+    if c[2] == 0.0 and c[3] == 0.0 and c[4] == 0.0:
+        return 0, NOTHING
+    if c[3] == 0.0 and c[4] == 0.0:
+        return _inside(-c[1] / slope[1], end)
+    count, turns = _quadratic(bend, end)
+    return _between(slope, slope[0] > 0.0, count, turns, end, 0.0, 0.0)
 
 
 @part
@@ -84,9 +106,18 @@ def _quadratic(c: Coefficients, end: float) -> tuple[int, Points]:
 
 @kernel
 def _between(
-    c: Coefficients, above: bool, count: int, turns: Points, end: float, graze: float
+    c: Coefficients,
+    above: bool,
+    count: int,
+    turns: Points,
+    end: float,
+    graze: float,
+    within: float,
 ) -> tuple[int, Points]:
-    """Return the changes of sign of a polynomial that is monotone between ``turns``."""
+    """Return the changes of sign of a polynomial that is monotone between ``turns``.
+
+    They are exact if ``within`` is 0, or else may be so far away.
+    """
     changes, roots = 0, NOTHING
     low = 0.0
     for k in range(count + 1):
@@ -94,7 +125,7 @@ def _between(
         value = value_at(c, high)
         is_above = above if abs(value) <= graze else value > 0.0
         if is_above != above:
-            root = _root(c, low, high, is_above)
+            root = _root(c, low, high, is_above, within)
             roots = (
                 root if changes == 0 else roots[0],
                 root if changes == 1 else roots[1],
@@ -114,11 +145,14 @@ def value_at(c: Coefficients, t: float) -> float:
 
 
 @kernel
-def _root(c: Coefficients, low: float, high: float, rises: bool) -> float:
+def _root(c: Coefficients, low: float, high: float, rises: bool, within: float) -> float:
     """Return the root in [``low``, ``high``], where a polynomial is monotone and changes its sign.
 
-    It is found by Newton's method, safeguarded by bisection.
+    It is found by Newton's method, safeguarded by bisection. A value of 0 makes that long, so it
+    ends before if it may be ``within`` a distance, relative or absolute, of the exact root.
     """
+    if c[2] == 0.0 and c[3] == 0.0 and c[4] == 0.0:
+        return _root_of_line(c[0], c[1], low, high, rises, within)
     t = 0.5 * (low + high)
     for _ in range(80):  # pragma: no branch (it has converged long before)
         value = value_at(c, t)
@@ -128,6 +162,31 @@ def _root(c: Coefficients, low: float, high: float, rises: bool) -> float:
             low = t
         slope = c[1] + t * (2.0 * c[2] + t * (3.0 * c[3] + t * 4.0 * c[4]))
         step = t - value / slope if slope != 0.0 else low
+        if abs(step - t) < 0.01 * within * max(1.0, t):
+            return step
+        if not low < step < high:
+            step = 0.5 * (low + high)
+        if abs(step - t) <= 1e-13 * max(1.0, t) or step <= low or step >= high:
+            return step
+        t = step
+    return t  # pragma: no cover
+
+
+@part
+def _root_of_line(
+    at: float, slope: float, low: float, high: float, rises: bool, within: float
+) -> float:
+    """Return what ``_root`` does for a polynomial of degree one, in the same steps."""
+    t = 0.5 * (low + high)
+    for _ in range(80):  # pragma: no branch (it has converged long before)
+        value = at + t * slope
+        if (value > 0.0) == rises:
+            high = t
+        else:
+            low = t
+        step = t - value / slope
+        if abs(step - t) < 0.01 * within * max(1.0, t):
+            return step
         if not low < step < high:
             step = 0.5 * (low + high)
         if abs(step - t) <= 1e-13 * max(1.0, t) or step <= low or step >= high:

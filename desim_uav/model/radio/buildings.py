@@ -54,9 +54,10 @@ class Buildings(NamedTuple):
 class Buffers(NamedTuple):
     """The buffers of the kernels, which allocate no memory.
 
-    ``times`` holds the times at which one building may change the state in one piece: at least
-    9 for each of its corners, and 4 more. ``blocked`` holds the stretches of time in which a
-    building blocks the line. ``visited`` (buildings + 1,) begins as zeros.
+    ``times`` holds the times at which one building may change the state in one piece, at least 9
+    for each of its corners and 4 more, and then as many numbers that say what they are. ``blocked``
+    holds the stretches of time in which a building blocks the line. ``visited`` (buildings + 1,)
+    begins as zeros.
     """
 
     times: Floats
@@ -142,4 +143,6 @@ def cells_as_prisms(height_m: NDArray[np.float64], side_m: tuple[float, float]) 
 def buffers_for(offsets: Ints, stretches: int) -> Buffers:
     """Return buffers for buildings with these offsets and this number of blocked stretches."""
     most, count = int(np.diff(offsets).max(initial=0)), len(offsets)
-    return Buffers(np.empty(9 * most + 4), zeros(Stretch, stretches), np.zeros(count, np.int64))
+    return Buffers(
+        np.empty(2 * (9 * most + 4)), zeros(Stretch, stretches), np.zeros(count, np.int64)
+    )

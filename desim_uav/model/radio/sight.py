@@ -5,23 +5,19 @@ only touches a wall, an edge or a roof is clear.
 
 Whether a building blocks the line can only change when, in plan, the line passes a corner of the
 footprint, when it passes over a wall at just the height of the roof, or when the user or the drone
-passes a wall or the level of the roof. All these times are roots of polynomials of degree three or
-less, for the user walks straight and the drone keeps its acceleration. Between two of them the
-state is decided once, at the time in the middle.
+passes a wall or the level of the roof (``model.radio.shadows``).
 """
 
 from __future__ import annotations
 
-from desim_uav.model.geometry.polynomial import Coefficients, sign_changes
 from desim_uav.model.geometry.relative import rounded_us
 from desim_uav.model.radio.buildings import Buffers, Buildings, Stretch
+from desim_uav.model.radio.shadows import add_stretch, stretches_of
 from desim_uav.model.radio.sweeps import (
     BESIDE_M,
     Line,
     Window,
     bucket_of,
-    contains,
-    ends,
     keeps_blocking,
     line_at,
     may_block,
@@ -30,7 +26,6 @@ from desim_uav.model.radio.sweeps import (
     share_below,
     shares,
     sweep_of,
-    wall,
     window_of,
 )
 from desim_uav.model.radio.tracks import (
@@ -44,7 +39,7 @@ from desim_uav.model.radio.tracks import (
     velocity,
 )
 from desim_uav.rowcode.kernels import kernel, part
-from desim_uav.rowcode.rows import Floats, Table
+from desim_uav.rowcode.rows import Table
 
 BLOCKED, CLEAR = 0, 1
 """The states of a line of sight."""
@@ -53,13 +48,11 @@ GAP_S = 1e-7
 """Stretches of time shorter than this, clear or blocked, are neglected, because they come from the
 rounding of two equal times, as where a line passes from one building to the next."""
 
-
-FARTHER = 1.0 + 1e-9
-"""A polynomial whose first coefficient exceeds all its other terms by this factor has no root, also
-if it is rounded."""
-
 FEW = 2
 """If no more buildings than this may block a line in a window of time, it is not halved."""
+
+WIDELY, NARROWLY, EXACTLY = range(3)
+"""How buildings are looked for in a window: see ``_look_in``."""
 
 HALVINGS = 4
 """How often a window of time is halved at most."""
@@ -156,22 +149,59 @@ def _look(
 
     Only the times that matter are computed: those of buildings that may block the line in a window
     of time in which no single building blocks it throughout. Windows with more than ``FEW`` such
-    buildings are halved, ``HALVINGS`` times at most. Rows that the buffers cannot hold are counted
-    only.
+    buildings are halved, ``HALVINGS`` times at most. A building that blocks the line throughout a
+    window is followed for as long as it does, and what a stretch covers is not looked at again.
+    Rows that the buffers cannot hold are counted only.
     """
     end = until - at
     if not end > 0.0:
-        return _look_in(line, at, until, window_of(line, 0.0, 0.0), True, buildings, buffers, count)
+        instant = window_of(line, 0.0, 0.0)
+        after, keeper = _look_in(line, at, until, instant, EXACTLY, buildings, buffers, count)
+        return after if keeper < 0 else add_stretch(buffers, after, at, at)
     since, width, least = 0.0, end, end * 0.5**HALVINGS
     while since < end:
         stop = since + width if since + width < end - 0.5 * least else end
-        window, leaf = window_of(line, since, stop), width <= least
-        after = _look_in(line, at, until, window, leaf, buildings, buffers, count)
-        if after >= 0:
-            count, since, width = after, stop, 2.0 * width
+        window, how = window_of(line, since, stop), WIDELY if width > least else NARROWLY
+        after, keeper = _look_in(line, at, until, window, how, buildings, buffers, count)
+        if after < 0 and how == NARROWLY:
+            after, keeper = _look_in(line, at, until, window, EXACTLY, buildings, buffers, count)
+        if after < 0:
+            width *= 0.5
+        elif keeper >= 0:
+            since = _follow(line, window, end, least, buildings, keeper)
+            count = add_stretch(buffers, after, at + window.since_s, at + since)
+        else:
+            since, width = _covered(buffers, count, after, at, stop, end), 2.0 * width
+            count = after
+    return count
+
+
+@part
+def _follow(
+    line: Line, window: Window, end: float, least: float, buildings: Buildings, b: int
+) -> float:
+    """Return until when it is certain that a building blocks a line, from a window on."""
+    since = window.until_s
+    width = since - window.since_s
+    while since < end and width >= least:
+        stop = since + width if since + width < end - 0.5 * least else end
+        if keeps_blocking(window_of(line, since, stop), buildings, b):
+            since, width = stop, 2.0 * width
         else:
             width *= 0.5
-    return count
+    return since
+
+
+@part
+def _covered(
+    buffers: Buffers, begun: int, count: int, at: float, since: float, end: float
+) -> float:
+    """Return until when the stretches from row ``begun`` on block a line, from a time on."""
+    for k in range(begun, min(count, len(buffers.blocked))):
+        stretch = buffers.blocked[k]
+        if stretch.since_s <= at + since < stretch.until_s:
+            since = stretch.until_s - at if stretch.until_s < at + end else end
+    return since
 
 
 @kernel
@@ -180,17 +210,19 @@ def _look_in(
     at: float,
     until: float,
     window: Window,
-    leaf: bool,
+    how: int,
     buildings: Buildings,
     buffers: Buffers,
     count: int,
-) -> int:
+) -> tuple[int, int]:
     """Add the stretches of buildings that matter in a window; return how many there are then.
 
-    Returns -1, and adds none, if the window is to be halved, but never if it is a ``leaf``. Looked
-    at are the buildings in the buckets that the line sweeps, those near the user first. Only the
-    part of the line below the tallest roof counts, and in each row of buckets only the buildings
-    that are higher than the line is there.
+    Also returns a building that blocks the line throughout the window, of which none are added, or
+    else -1. Both numbers are -1 if more than ``FEW`` others may block it, unless the search is done
+    EXACTLY; if it is done WIDELY, it ends as soon as this is known. Looked at are the buildings in
+    the buckets that the line sweeps, those near the user first. Only the part of the line below the
+    tallest roof counts, and in each row of buckets only the buildings that are higher than the line
+    is there.
     """
     (ux, uy, uz), (tx, ty, tz), (px, py, pz), (qx, qy, qz) = (
         window.one,
@@ -201,8 +233,8 @@ def _look_in(
     low, high = min(uz, tz), min(pz, qz)
     share = share_below(low, high, buildings.tallest_m)
     if share < 0.0:
-        return count
-    begun, partly, others = count, 0, (-1, -1, -1)
+        return count, -1
+    begun, partly, others = count, 0, (-1, -1)
     stamp = buffers.visited[len(buffers.visited) - 1] + 1
     buffers.visited[len(buffers.visited) - 1] = stamp
     along, across = sweep_of(ux, tx, px, qx, share), sweep_of(uy, ty, py, qy, share)
@@ -230,130 +262,19 @@ def _look_in(
                     buffers.visited[b] = stamp
                     if may_block(window, buildings, b):
                         if keeps_blocking(window, buildings, b):
-                            return _add_stretch(
-                                buffers, begun, at + window.since_s, at + window.until_s
-                            )
-                        if leaf:
-                            count = _stretches(line, at, until, buildings, b, buffers, count)
-                        others = (b, others[0], others[1])
-                        partly += 1
-    if not leaf:
-        if partly > FEW:
-            return -1
-        for k in range(partly):
-            count = _stretches(line, at, until, buildings, others[k], buffers, count)
-    return count
-
-
-@kernel
-def _stretches(
-    line: Line,
-    at: float,
-    until: float,
-    buildings: Buildings,
-    b: int,
-    buffers: Buffers,
-    number: int,
-) -> int:
-    """Add the stretches of time in which one building blocks a line."""
-    times, end = buffers.times, until - at
-    count = _times(line, end, buildings, b, times)
-    for k in range(1, count):
-        t, i = times[k], k
-        while i > 0 and times[i - 1] > t:
-            times[i] = times[i - 1]
-            i -= 1
-        times[i] = t
-    since = -1.0
-    for k in range(count + 1):
-        low = times[k - 1] if k > 0 else 0.0
-        high = times[k] if k < count else end
-        if _blocks(line, 0.5 * (low + high), buildings, b):
-            since = low if since < 0.0 else since
-            if k < count:
-                continue
-            high = end
-        elif since >= 0.0:
-            high = low
-        if since >= 0.0:
-            number = _add_stretch(buffers, number, at + since, at + high)
-            since = -1.0
-    return number
-
-
-@part
-def _add_stretch(buffers: Buffers, number: int, since_s: float, until_s: float) -> int:
-    """Write a stretch of time if there is room for it, and return the number of them then."""
-    if number < len(buffers.blocked):
-        stretch = buffers.blocked[number]
-        stretch.since_s, stretch.until_s = since_s, until_s
-    return number + 1
-
-
-@kernel
-def _times(line: Line, end: float, buildings: Buildings, b: int, times: Floats) -> int:
-    """Write all times inside (0, ``end``) at which one building may change the state."""
-    if not end > 0.0:
-        return 0
-    (ux, uy, uz), (wx, wy, wz), (px, py, pz), (vx, vy, vz), (ax, ay, az) = line
-    ax, ay, az = 0.5 * ax, 0.5 * ay, 0.5 * az
-    roof = buildings.roofs_m[b]
-    # The user below the roof, and the drone above the user: polynomials of s.
-    u = (uz - roof, wz)
-    d = (pz - uz, vz - wz, az)
-    count = _add((u[0], u[1], 0.0, 0.0, 0.0), end, times, 0)
-    count = _add((u[0] + d[0], u[1] + d[1], d[2], 0.0, 0.0), end, times, count)
-    first, last = buildings.offsets[b], buildings.offsets[b + 1]
-    for k in range(first, last):
-        x, y, ex, ey = wall(buildings.corners, k, first, last)
-        # The line passes a corner: (corner - user) x (drone - user) = 0.
-        cx, cy = x - ux, y - uy
-        gx, gy = px - ux, py - uy
-        hx, hy = vx - wx, vy - wy
-        corner = (
-            cx * gy - cy * gx,
-            cx * hy - cy * hx - (wx * gy - wy * gx),
-            cx * ay - cy * ax - (wx * hy - wy * hx),
-            -(wx * ay - wy * ax),
-            0.0,
-        )
-        count = _add(corner, end, times, count)
-        # It passes the wall's line at the share n / g of its length: there it is at the roof.
-        n = (cx * ey - cy * ex, -(wx * ey - wy * ex))
-        g = (gx * ey - gy * ex, hx * ey - hy * ex, ax * ey - ay * ex)
-        over = (
-            u[0] * g[0] + n[0] * d[0],
-            u[0] * g[1] + u[1] * g[0] + n[0] * d[1] + n[1] * d[0],
-            u[0] * g[2] + u[1] * g[1] + n[0] * d[2] + n[1] * d[1],
-            u[1] * g[2] + n[1] * d[2],
-            0.0,
-        )
-        count = _add(over, end, times, count)
-        count = _add((n[0], n[1], 0.0, 0.0, 0.0), end, times, count)
-        count = _add((n[0] - g[0], n[1] - g[1], -g[2], 0.0, 0.0), end, times, count)
-    return count
-
-
-@part
-def _add(c: Coefficients, end: float, times: Floats, count: int) -> int:
-    """Write where a polynomial changes its sign, and return the number of times then.
-
-    It changes nowhere if it never comes as far as its first coefficient from there.
-    """
-    most = end * (abs(c[1]) + end * (abs(c[2]) + end * abs(c[3])))
-    if abs(c[0]) > FARTHER * most:
-        return count
-    changes, roots = sign_changes(c, c[0] > 0.0, end, 0.0)
-    for k in range(changes):
-        times[count + k] = roots[k]
-    return count + changes
-
-
-@kernel
-def _blocks(line: Line, s: float, buildings: Buildings, b: int) -> bool:
-    """Return whether a building contains a stretch of a line, s seconds on."""
-    user, drone = ends(line, s)
-    return contains(user, drone, buildings, b, 0.0)
+                            return begun, b
+                        if how == EXACTLY:
+                            count = stretches_of(line, at, until, buildings, b, buffers, count)
+                        elif partly == FEW and how == WIDELY:
+                            return -1, -1
+                        else:
+                            others = (b, others[0])
+                            partly += 1
+    if partly > FEW:
+        return -1, -1
+    for k in range(partly):
+        count = stretches_of(line, at, until, buildings, others[k], buffers, count)
+    return count, -1
 
 
 @part

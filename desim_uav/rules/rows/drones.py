@@ -131,8 +131,9 @@ class Drone(Row):
     ``ahead`` holds the changes of class to come, the next one last. ``served`` counts the requests
     that it serves, and ``asking`` the open ones in its footprint, by service. The marks of its
     links (``model.radio.marks``) are known from ``marked_us`` until ``marked_until_us``, or not at
-    all (-1). ``terms`` are those of its reward; a learner observes ``features``. Only a drone that
-    is ``off_grid`` has a ``course``, and only if the state ``keeps_credit`` it has ``credit``.
+    all (-1). It is ``steady`` if it hovers and no class changes until it moves (``rules.air``).
+    ``terms`` are those of its reward; a learner observes ``features``. Only a drone that is
+    ``off_grid`` has a ``course``, and only if the state ``keeps_credit`` it has ``credit``.
     """
 
     index: Int16
@@ -166,6 +167,7 @@ class Drone(Row):
     fallen_y_m: float
     respawns: Int32
     serving: Int16
+    steady: Int16
     band: Int16
     free_hz: int
     used_hz: int

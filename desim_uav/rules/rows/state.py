@@ -23,11 +23,12 @@ class LookRow(Row):
     """The users' walks in the present span of time.
 
     If users walk step by step, their walks are known until ``walked_us``. They ``stand`` if they
-    are at home, and do not walk (see ``rules.standing``).
+    are at home, and do not walk (see ``rules.standing``), and are ``still`` if they do not walk.
     """
 
     walked_us: int
-    stand: int
+    stand: Int16
+    still: Int16
     walking: Walking
 
 
