@@ -72,7 +72,7 @@ Scheme = Callable[[Array, float, Cost], Plan]
 
 def drawn_nodes(draw: int) -> Array:
     """Return the places of the nodes (nodes, 2) of a draw, between the start and the end."""
-    return START + (END - START) * np.random.default_rng(draw).random((NODES, 2))
+    return np.asarray(START + (END - START) * np.random.default_rng(draw).random((NODES, 2)))
 
 
 def rate_bps(away_m: Array) -> Array:
