@@ -114,7 +114,7 @@ def ring_of(where: str, places: object) -> Ring:
         raise ValueError(f"{where}: ({x:g}, {y:g}) is no longitude and latitude in degrees")
     if np.ptp(ring, axis=0).max() > MOST_DEGREES:
         raise ValueError(
-            f"{where}: it spans more than {MOST_DEGREES:g} degree, as none does that does not cross "
-            "a longitude of 180 degrees"
+            f"{where}: it spans more than {MOST_DEGREES:g} degree; does it cross 180 degrees of "
+            "longitude?"
         )
     return ring[:-1]
