@@ -19,6 +19,9 @@ MOST_BYTES = 96 * 2**20
 MOST_BUILDINGS = 50_000
 """The most buildings of a file."""
 
+MOST_DEGREES = 1.0
+"""No building spans more degrees of longitude or latitude."""
+
 Ring = NDArray[np.float64]
 """Longitudes and latitudes (places, 2) of a closed line, whose first place is not repeated."""
 
@@ -109,4 +112,9 @@ def ring_of(where: str, places: object) -> Ring:
     if (np.abs(ring) > (180.0, 90.0)).any():
         x, y = ring[(np.abs(ring) > (180.0, 90.0)).any(axis=1)][0].tolist()
         raise ValueError(f"{where}: ({x:g}, {y:g}) is no longitude and latitude in degrees")
+    if np.ptp(ring, axis=0).max() > MOST_DEGREES:
+        raise ValueError(
+            f"{where}: it spans more than {MOST_DEGREES:g} degree; does it cross 180 degrees of "
+            "longitude?"
+        )
     return ring[:-1]

@@ -70,6 +70,7 @@ def city_of(
     """Return the buildings of an extract on a map. Raises ValueError with the element."""
     shapes, mended = _shapes(extract.elements, projection)
     kept, uncovered = _without_outlines(extract.elements, shapes)
+    flat = int((shapely.area(shapes[kept]) < LEAST_M2).sum())
     heights, pieces, roofs = Heights(height_m), list[Polygon](), list[float]()
     the_map = shapely.box(0.0, 0.0, *size_m)
     on_map = shapely.intersection(shapes[kept], the_map)
@@ -95,8 +96,10 @@ def city_of(
     notices = [*extract.notices, *uncovered, *heights.notices()]
     if mended:
         notices.append(f"{mended} outlines that meet themselves are mended")
-    if count < len(kept):
-        notices.append(f"{len(kept) - count} of {len(kept)} buildings are off the map")
+    if flat:
+        notices.append(f"{flat} of {len(kept)} outlines enclose no area and are left out")
+    if count + flat < len(kept):
+        notices.append(f"{len(kept) - count - flat} of {len(kept)} buildings are off the map")
     return City(tuple(pieces), np.array(roofs), extract.attribution, tuple(notices))
 
 

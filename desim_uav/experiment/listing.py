@@ -85,7 +85,12 @@ def _scenario(file: Path) -> Any:
 
 
 def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the keys of a scenario with their values; that of a component is its kind."""
+    """Yield the keys of a scenario with their values; that of a component is its kind.
+
+    The keys of the entries of a list, such as types of drones, have their numbers: drones.0.count.
+    """
+    if isinstance(value, list) and value and all(isinstance(one, Mapping) for one in value):
+        value = dict(enumerate(value))
     if not isinstance(value, Mapping):
         yield path, value
         return

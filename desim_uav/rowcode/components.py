@@ -204,7 +204,7 @@ def call_at(function: int, arguments: tuple[int, ...]) -> None:
     call(function, arguments)
 
 
-NOT_COMPILED = (NumbaError, UnsupportedBytecodeError)
+NOT_COMPILED = (NumbaError, UnsupportedBytecodeError, NotImplementedError)
 """The errors that Numba raises for Python code that it does not compile."""
 
 CAUSES = ("Untyped global name", "Unknown attribute", "NameError", "nsupported", "Cannot unify")

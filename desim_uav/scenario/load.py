@@ -273,7 +273,7 @@ def _validated(draft: ScenarioDraft, base: Path | None) -> Scenario | None:
     else:
         return scenario
     for complaint in mistakes:
-        if not draft.depends_on_refused([complaint.path]):
+        if not draft.depends_on_refused([complaint.depends_on]):
             draft.at(complaint.path, complaint.message, key=complaint.at_key)
     dropped = [draft.drop(complaint.drop) for complaint in mistakes]
     draft.doubtful += [c.mistaken_for for c in mistakes if c.mistaken_for]

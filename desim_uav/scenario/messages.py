@@ -22,7 +22,7 @@ class Complaint(NamedTuple):
     """One error at the value of ``path``, or at its key.
 
     The value at ``drop`` is removed so that the rest can be checked. ``mistaken_for`` is the known
-    key that an unknown one probably stands for.
+    key that an unknown one probably stands for. ``missing``: it is a key that has to be given.
     """
 
     path: KeyPath
@@ -30,6 +30,12 @@ class Complaint(NamedTuple):
     drop: KeyPath
     at_key: bool = False
     mistaken_for: KeyPath | None = None
+    missing: bool = False
+
+    @property
+    def depends_on(self) -> KeyPath:
+        """The path whose value, with all of its parts, decides whether there is a problem."""
+        return self.path[:-1] if self.missing else self.path
 
 
 AS_YAML = {"False": "false", "True": "true"}
@@ -83,7 +89,7 @@ def _missing(path: KeyPath, details: list[ErrorDetails]) -> Complaint:
             if d["type"] == "missing" and d["loc"][:-1] == parent and isinstance(d["loc"][-1], int)
         )
         return Complaint(parent, f"must be a list of {size}", parent)
-    return Complaint(path, "missing; it has no default", parent)
+    return Complaint(path, "missing; it has no default", parent, missing=True)
 
 
 def _known_part(path: KeyPath, draft: ScenarioDraft) -> KeyPath:

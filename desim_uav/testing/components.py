@@ -12,6 +12,8 @@ from desim_uav.engine.choose import lacking_of
 from desim_uav.env import UavParallelEnv
 from desim_uav.scenario.load import dump, from_mapping, to_plain
 from desim_uav.scenario.schema import Scenario
+from desim_uav.testing.batteries import require_inverse_drains
+from desim_uav.testing.bystanders import require_features, require_no_effect
 from desim_uav.testing.engines import compare_engines
 from desim_uav.testing.environments import check_copies
 from desim_uav.testing.exact import require, require_same_tables
@@ -37,6 +39,8 @@ def check_component(
     - Users walk the same walks whatever the drones do, so that policies can be compared on the
       same seed.
     - Both engines give the same tables (``compare_engines``), unless ``compiled`` is false.
+    - Features lie in their bounds, and rewards and observations change nothing of what happens.
+    - A battery drains no less with time, and ``lasts`` is the inverse of ``drains``.
     - The copy of an environment goes on as the original does.
 
     Args:
@@ -56,12 +60,16 @@ def check_component(
     loaded = arguments.opened(scenario, overrides).scenario
     numbers = arguments.seeds_of(seeds)
     _require_round_trip(loaded)
-    lacking = lacking_of(build_world(loaded, numbers[0]))
+    world = build_world(loaded, numbers[0])
+    require_inverse_drains(world)
+    lacking = lacking_of(world)
     require(not (compiled and lacking), "; ".join(lacking))
     if compiled:
         compare_engines(loaded, policy=policy, seeds=numbers, episodes=episodes)
     how = How(policy, episodes)
     require_no_memory(loaded, numbers, how, together(loaded, numbers, how))
+    require_no_effect(loaded, numbers[0], how)
+    require_features(loaded, numbers[0])
     _require_same_walks(loaded, numbers[0], episodes)
     check_copies(UavParallelEnv(loaded, engine="des"), numbers[0])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,13 @@ def mutations() -> str:
 
 
 def papers() -> str:
-    """The list of all papers, with what their commands printed when they were measured."""
-    return table(work.LIST_COLUMNS, work.cells(work.listing()))
+    """The list of all papers, with what their commands printed when they were measured.
+
+    Their names lead to the sections of the page, which have the links to the papers.
+    """
+    listed = [replace(one, doi=None) for one in work.listing()]
+    cells = work.cells(listed)
+    return table(work.LIST_COLUMNS, ((f"[{name}](#{name})", *rest) for name, *rest in cells))
 
 
 def paper(name: str) -> str:

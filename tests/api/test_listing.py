@@ -56,6 +56,13 @@ def test_keys_of_a_component_differ_within_a_kind_only():
     ]
 
 
+def test_entries_of_a_list_differ_by_their_keys():
+    for count in (1, 2):
+        types = [{"name": "one", "count": count}, {"name": "two", "count": 1}]
+        fly(f"of_{count}", drones=types)
+    assert du.list_runs()["differs"].tolist() == ["drones.0.count=1", "drones.0.count=2"]
+
+
 def test_what_cannot_be_read_is_left_out_with_a_notice(capsys: pytest.CaptureFixture[str]):
     for name in ("one", "two", "three"):
         fly(name)

@@ -277,6 +277,7 @@ def test_malformed_files_are_refused_with_the_element(
         ([[0, 0], [1, 0], [0, 0]], "feature 1: a ring has at least 4 places"),
         ([[0, 0], [1, 0], [1, 1], [0, 1]], "feature 1: a ring has at least 4 places"),
         ([[0, 0], [500, 0], [500, 9], [0, 0]], r"feature 1: \(500, 0\) is no longitude"),
+        ([[179.9, 0], [-179.9, 0], [-179.9, 0.1], [179.9, 0]], "feature 1: it spans more than 1"),
         ([["a", 0], [1, 0], [1, 1], ["a", 0]], "feature 1: a ring is a list of places"),
         (7, "feature 1: a ring is a list of places"),
     ],
@@ -287,6 +288,17 @@ def test_malformed_rings_are_refused_with_the_feature(
     file = geojson(tmp_path / "a.geojson", ([box(0, 0, 9, 9)], {}), ([ring], {}))
     with pytest.raises(ValueError, match=problem):
         read_extract(file)
+
+
+def test_an_outline_without_area_is_not_said_to_be_off_the_map(tmp_path: Path) -> None:
+    line = degrees((10, 10), (20, 10), (30, 10))
+    far = box(500, 500, 9, 9)
+    both = geojson(tmp_path / "a.geojson", ([box(0, 0, 9, 9)], {}), ([line], {}), ([far], {}))
+    expected = [
+        "1 of 3 outlines enclose no area and are left out",
+        "1 of 3 buildings are off the map",
+    ]
+    assert [notice for notice in city(both).notices if "of 3" in notice] == expected
 
 
 def test_an_extract_that_is_elsewhere_is_refused(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from desim_uav.experiment.papers import (
     andrews,
     brunori,
     do_2026,
+    fly_hover,
     mozaffari_2015,
     mozaffari_2016,
     wang_2021,
@@ -120,6 +121,17 @@ class TestComputed:
         assert wu_2018.least_rate_bound(3) == 2.0 * wu_2018.least_rate_bound(6)
         monkeypatch.setattr(wu_2018, "HEIGHT_M", 200.0)  # a quarter of the power
         assert wu_2018.least_rate_bound(1) == pytest.approx(math.log2(251.0))
+
+    def test_the_best_scheme_follows_the_throughput(self):
+        nodes, cost = fly_hover.drawn_nodes(0), fly_hover.COSTS["energy"]
+        one, each = fly_hover.at_centre, fly_hover.above_each
+        assert one(nodes, 1e5, cost).cost < each(nodes, 1e5, cost).cost
+        assert one(nodes, 1e9, cost).cost > each(nodes, 1e9, cost).cost
+        path, both = fly_hover.optimised(nodes, 1e8, cost), fly_hover.continuous(nodes, 1e8, cost)
+        assert both.places == pytest.approx(path.places)
+        # What the flight sends: no more than all of it at the rate of a node right below.
+        saved_s = path.hovers_s.sum() - both.hovers_s.sum()
+        assert 0.0 < saved_s < sum(fly_hover.ways_m(path.places)) / cost.speed_mps + 1.0
 
     def test_packed_discs_neither_overlap_nor_reach_out(self):
         for count, optimum in mozaffari_2016.OPTIMA.items():

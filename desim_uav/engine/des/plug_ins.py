@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from desim_uav.engine.constants import transits_of
+from desim_uav.errors import SimulationError
 from desim_uav.model.admission import RowAdmission, Waiting
 from desim_uav.model.energy.battery import Energy, RowEnergy
 from desim_uav.model.energy.charging import RowCharging
@@ -19,6 +21,7 @@ from desim_uav.model.offloading import RowOffloading
 from desim_uav.model.processing import RowProcessing
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sharing import RowSharing
+from desim_uav.model.state import Observation
 from desim_uav.model.sums import in_order
 from desim_uav.rowcode.bounds import owner_of
 from desim_uav.rowcode.components import over_rows, works_on_rows
@@ -115,11 +118,12 @@ def _pay(world: World) -> Callable[..., None]:
 
         return pay
 
+    names: list[str] = []
+
     def pay_by_observation(constants: Any, state: Any) -> None:
         requests = tuple(state.asked)
         state.named_terms = [
-            reward.terms(observation, requests, world.facts_of(observation.drone))
-            for observation in state.observed()
+            _terms(reward, world, names, observation, requests) for observation in state.observed()
         ]
         if state.share != 1.0:
             state.named_terms = [
@@ -130,6 +134,24 @@ def _pay(world: World) -> Callable[..., None]:
             give(state, drone, in_order(terms.values()))
 
     return pay_by_observation
+
+
+def _terms(
+    reward: Any, world: World, names: list[str], observation: Observation, asked: tuple[int, ...]
+) -> Mapping[str, float]:
+    """Return a drone's terms, whose ``names`` are those of the first call.
+
+    Raises SimulationError if they are others, or no numbers.
+    """
+    terms: Mapping[str, float] = reward.terms(observation, asked, world.facts_of(observation.drone))
+    numbers = isinstance(terms, Mapping) and all(isinstance(v, Real) for v in terms.values())
+    if not numbers or (names and [*terms] != names):
+        expected = f"the terms {names}" if names else "a mapping of terms to numbers"
+        raise SimulationError(
+            f"reward {type(reward).__name__!r} must return {expected}, and returned {terms!r}"
+        )
+    names[:] = terms
+    return terms
 
 
 def _describe(world: World) -> Callable[..., None]:

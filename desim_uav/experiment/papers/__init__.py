@@ -123,7 +123,7 @@ ENTRIES = {
         "IEEE Transactions on Wireless Communications 18(4), 2019",
         zeng.rows,
         zeng.draw,
-        compared="the power of flight, the best speeds, and the energy of plans that hover",
+        compared="the power of flight, the best speeds, and the orderings of four schemes",
         doi="10.1109/TWC.2019.2902559",
     ),
     "zeng_2017": Entry(

@@ -338,16 +338,19 @@ def requests_of(
     own = zip(seed_of_each(seeds, episodes), episodes, strict=True)
     streams = [Streams(seed, Purpose.DEMAND, episode, first) for seed, episode in own]
     return [
-        _counted(demand, demand.requests(users, services, each, horizon_us), services)
+        _counted(demand, demand.requests(users, services, each, horizon_us), services, users)
         for each in streams
     ]
 
 
-def _counted(demand: Demand, requests: Requests, services: Catalogue) -> Requests:
+def _counted(demand: Demand, requests: Requests, services: Catalogue, users: int) -> Requests:
     """Return these requests, with a column for each value that a request can draw.
 
     Raises SimulationError if sums of their numbers need over 64 bits, or if nothing is asked for.
     """
+    problem = _misshapen(requests, users)
+    if problem:
+        raise SimulationError(f"demand: {kind_of(demand)!r}: {problem}")
     lacking = DRAWN + services.draws - requests.rows.shape[1]
     rows = np.pad(requests.rows, ((0, 0), (0, max(lacking, 0))))
     service = np.clip(rows[:, SERVICE], 0, len(services.names) - 1)
@@ -377,6 +380,26 @@ def _counted(demand: Demand, requests: Requests, services: Catalogue) -> Request
                 "nothing in any stage"
             )
     return requests._replace(rows=rows)
+
+
+def _misshapen(requests: Requests, users: int) -> str:
+    """Return the problem if these are not whole numbers of each user, in the order of times."""
+    try:
+        rows, offsets, follows = (np.asarray(part) for part in requests)
+    except (TypeError, ValueError):  # these are not three things
+        rows = offsets = follows = np.zeros(0)
+    shaped = rows.ndim == 2 and rows.shape[1] >= DRAWN and offsets.shape == (users + 1,)
+    if not (shaped and rows.dtype.kind == offsets.dtype.kind == "i"):
+        return f"requests() must return rows of whole numbers and {users + 1} whole offsets"
+    if offsets[0] != 0 or offsets[-1] != len(rows) or (np.diff(offsets) < 0).any():
+        return f"the offsets of requests() must rise from 0 to the number of rows, {len(rows)}"
+    begins = np.zeros(len(rows) + 1, bool)
+    begins[offsets] = True
+    user = np.repeat(np.arange(users), np.diff(offsets))
+    falls = (np.diff(rows[:, DUE_US]) < 0) & ~begins[1:-1]
+    falls &= ~np.broadcast_to(follows, users)[user[1:]]
+    late = np.flatnonzero(falls)
+    return f"request {late[0] + 1} of requests() is before the one above it" if len(late) else ""
 
 
 COLUMNS = {

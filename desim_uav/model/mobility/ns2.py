@@ -19,7 +19,9 @@ _NODE = r"\$node_\((\S+?)\)"
 _PLACE = re.compile(rf"{_NODE}\s+set\s+([XYZ])_\s+(\S+)$")
 _MOVE = re.compile(rf'\$ns_?\s+at\s+(\S+)\s+"{_NODE}\s+setdest\s+(\S+)\s+(\S+)\s+(\S+)"$')
 _ANY_MOVE = re.compile(rf"\$ns_?\s+at\s.*{_NODE}")
-_FIRST = re.compile(rb"^\s*\$node_\(\S+\)\s+set\s+[XYZ]_\s", re.MULTILINE)
+_LINE = re.compile(
+    rb"^\s*(\$node_\(\S+\)\s+set\s+[XYZ]_\s|\$ns_?\s+at\s.*\ssetdest\s)", re.MULTILINE
+)
 
 
 class Node(NamedTuple):
@@ -41,13 +43,13 @@ class _Course:
 
 
 def looks_like_ns2(path: Path) -> bool:
-    """Return whether a file has a node's first place. Raises ValueError if it cannot be read."""
+    """Return whether a file has a node's first place or a move. Raises ValueError if unreadable."""
     return _looks_like_ns2(path, version_of(path))
 
 
 @lru_cache(maxsize=16)
 def _looks_like_ns2(path: Path, version: Version) -> bool:
-    return _FIRST.search(bytes_of(path)) is not None
+    return _LINE.search(bytes_of(path)) is not None
 
 
 def read_ns2(path: Path) -> list[Node]:

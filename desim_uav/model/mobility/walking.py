@@ -20,12 +20,14 @@ from desim_uav.copies import Unchanging
 from desim_uav.model.geometry.coverage import WalkLeg
 from desim_uav.model.mobility.walks import (
     NEAR_M,
+    SHORTEST_US,
     Area,
     Walker,
     Walking,
     Walks,
     begin_by,
     misstep,
+    too_many,
     walk_by,
 )
 from desim_uav.model.naming import naming
@@ -271,6 +273,8 @@ class RowWalks(Unchanging):
             walking = self._walk(legs, offsets)
             if walking.lost:
                 raise misstep(self.mobility, walking)
+            if walking.count > users * (1.0 + self.horizon_us / SHORTEST_US):
+                raise too_many(self.mobility, walking.count, self.horizon_us)
             if walking.count <= most:
                 return Walks(legs[: walking.count], offsets)
             most = walking.count

@@ -27,6 +27,9 @@ STRAY_M, NEAR_M = 1e-4, 1e-3
 """Tolerances in metres: how far rounding may put a user off the map, and how far a leg's end may be
 from the point to which its velocity leads, because its time is in whole microseconds."""
 
+SHORTEST_US = 1000
+"""Legs of a user last at least a millisecond on average: shorter ones are mistakes of units."""
+
 
 class Area(NamedTuple):
     """The map, which extends from 0 to ``width_m`` in x and to ``depth_m`` in y, in metres."""
@@ -198,6 +201,14 @@ def misstep(mobility: object, walking: Any) -> SimulationError:
     else:
         problem = f"the velocity of user {user} does not lead to where it is at {at_s:g} s"
     return SimulationError(f"users.mobility: {kind_of(mobility)!r}: {problem}")
+
+
+def too_many(mobility: object, legs: int, horizon_us: int) -> SimulationError:
+    """Return the error of a model with more legs than one in a millisecond for each user."""
+    return SimulationError(
+        f"users.mobility: {kind_of(mobility)!r}: users walk {legs:,} legs in {horizon_us / 1e6:g} "
+        "s, fewer than a millisecond each; walker.t_us is in microseconds"
+    )
 
 
 def off_map(x_m: Any, y_m: Any, area: Area) -> Any:

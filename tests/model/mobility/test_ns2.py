@@ -71,6 +71,12 @@ def test_walks(tmp_path: Path, form: str):
     assert len(many) == 3 and all(p.endswith("user: 1: must be from 0 to 0") for p in many)
 
 
+def test_a_file_of_moves_alone_is_one_of_ns2(tmp_path: Path):
+    file = file_of(tmp_path, '$ns_ at 5.0 "$node_(0) setdest 10 20 1"\n')
+    with pytest.raises(ValueError, match=r":1: node 0 has no first place"):
+        Trace(file)
+
+
 @pytest.mark.parametrize(
     ("line", "problem"),
     [
