@@ -1,15 +1,15 @@
 """How many tasks of the benchmark's `edge` can be done in time? A schedule that knows the future.
 
-python analysis/edge_schedule.py [small] [--seeds 4] [--episodes 4] [--trials 1000]
+python analysis/edge_schedule.py [small] [--seeds 4] [--episodes 4] [--trials 1500]
 
 Flies forks of the exact engine in world 0, from the first seed of the track on. In each episode the
-schedule begins with drones that hover. It is changed at random: a drone flies elsewhere for some
-steps, or commands another part of tasks to be offloaded. A change is kept if more tasks are done in
-time until the end of the episode and, with drones that hover, at the beginning of the next one;
-at first it may also be kept if slightly fewer are (simulated annealing: Kirkpatrick, Gelatt and
-Vecchi, 1983, "Optimization by simulated annealing"). Prints the share in time of each seed, what
-the baseline reaches there, and for which share of the time the links of a drone are busy. No
-policy reaches more than 100 %.
+schedule begins with drones that hover. It is changed at random: one or all drones fly elsewhere for
+some steps, or one commands another part of tasks to be offloaded. A change is kept if more tasks
+are done in time until the end of the episode and, with drones that hover, at the beginning of the
+next one; at first it may also be kept if slightly fewer are (simulated annealing: Kirkpatrick,
+Gelatt and Vecchi, 1983, "Optimization by simulated annealing"). Prints the share in time of each
+seed, what the baseline reaches there, and for which share of the time the links of a drone are
+busy. No policy reaches more than 100 %.
 """
 
 from __future__ import annotations
@@ -41,9 +41,13 @@ WARMTH = 0.15
 """The loss that is accepted at first with a probability of 1/e, in the unit of the reward: what a
 drone is paid if it does its fair share in a step. It falls to 0 in equal steps."""
 
-DETOURS, WHOLE, LONGEST, FARTHEST = 0.8, 0.3, 10, 3
-"""The shares of changes that are detours, and of those that last until the end of the episode, the
-most steps of the others, and how far a detour leads from the route, in cells of each direction."""
+TOGETHER, DETOURS, WHOLE = 0.15, 0.8, 0.3
+"""The share of changes that send all drones to other cells until the end of the episode; of the
+other ones, the shares of detours, and of those that last until the end."""
+
+LONGEST, FARTHEST = 10, 3
+"""How many steps the others last at most, and how far a detour leads from the route, in cells of
+each direction."""
 
 
 class Plan(NamedTuple):
@@ -73,7 +77,7 @@ def main() -> None:
     parser.add_argument("size", nargs="?", default="small", choices=("small", "medium"))
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--episodes", type=int, default=4)
-    parser.add_argument("--trials", type=int, default=1000)
+    parser.add_argument("--trials", type=int, default=1500)
     asked = parser.parse_args()
     task, track, shares = find_task(f"uav-v1/edge/{asked.size}"), TRACKS["one"], []
     world = build_world(task.scenario(track), 0)
@@ -186,19 +190,29 @@ def changed(plan: Plan, world: World, rng: np.random.Generator) -> tuple[Plan, i
     """Return a plan that is changed at random, and the first step that may differ."""
     drones, steps = plan.shares.shape
     drone, begin = int(rng.integers(drones)), int(rng.integers(steps))
+    cells, map_cells = plan.cells.copy(), np.array(world.grid.cells)
+    if rng.random() < TOGETHER:
+        for route, aim in zip(cells, rng.integers(0, map_cells, (drones, 2)), strict=True):
+            divert(route, aim, begin, steps)
+        return plan._replace(cells=cells), begin
     lasts = steps if rng.random() < WHOLE else int(rng.integers(1, LONGEST + 1))
     end = min(steps, begin + lasts)
     if rng.random() >= DETOURS:
         shares = plan.shares.copy()
         shares[drone, begin:end] = rng.choice([one.share for one in world.actions])
         return plan._replace(shares=shares), begin
-    cells, route = plan.cells.copy(), plan.cells[drone]
     away = rng.integers(-FARTHEST, FARTHEST + 1, 2)
-    aim = (route[rng.integers(begin, end + 1)] + away).clip(0, np.array(world.grid.cells) - 1)
-    for step in range(begin, steps):
-        goal = aim if step < end else route[step + 1]
-        cells[drone, step + 1] = cells[drone, step] + towards(goal - cells[drone, step])
+    aim = cells[drone, rng.integers(begin, end + 1)] + away
+    divert(cells[drone], aim.clip(0, map_cells - 1), begin, end)
     return plan._replace(cells=cells), begin
+
+
+def divert(route: NDArray[np.int64], aim: NDArray[np.int64], begin: int, end: int) -> None:
+    """Change a route (steps + 1, 2): it leads to a cell, and from step ``end`` on back again."""
+    goals = route.copy()
+    goals[begin + 1 : end + 1] = aim
+    for step in range(begin, len(route) - 1):
+        route[step + 1] = route[step] + towards(goals[step + 1] - route[step])
 
 
 def towards(way: NDArray[np.int64]) -> NDArray[np.int64]:
