@@ -132,6 +132,7 @@ class Schedule:
         )
         self.paid: list[float] = []
         self.after = 0.0
+        self.afterwards: dict[bytes, float] = {}
         self._keep(self.plan, 0, self.flown(self.plan, 0))
 
     @cached_property
@@ -161,12 +162,18 @@ class Schedule:
         """Fly a plan from step ``begin`` on, and hover at the beginning of the next episode."""
         self.engine.restore(self.states[begin])
         paid, states = self.fly(plan, begin)
-        after = 0.0
-        if self.following is not None:
-            self.engine.reset(self.following)
-            hover = [self.commands[0, 0, FIRST_SHARE]] * len(plan.cells)
-            after = sum(float(sum(self.engine.step(hover).rewards)) for _ in range(NEXT_STEPS))
-        return Flown(paid, after, states)
+        ends = plan.cells[:, -1].tobytes()
+        if ends not in self.afterwards:
+            self.afterwards[ends] = self._paid_next(len(plan.cells))
+        return Flown(paid, self.afterwards[ends], states)
+
+    def _paid_next(self, drones: int) -> float:
+        """Return what drones that hover are paid at the beginning of the next episode."""
+        if self.following is None:
+            return 0.0
+        self.engine.reset(self.following)
+        hover = [self.commands[0, 0, FIRST_SHARE]] * drones
+        return sum(float(sum(self.engine.step(hover).rewards)) for _ in range(NEXT_STEPS))
 
     def fly(self, plan: Plan, begin: int) -> tuple[list[float], list[Any]]:
         """Fly the steps of a plan from ``begin`` on; return what each is paid, and the states.
