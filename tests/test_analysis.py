@@ -28,6 +28,7 @@ from desim_uav.experiment.bench.tasks import tasks
 from desim_uav.experiment.bench.verify import differences
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.interrupt import asking
+from desim_uav.model.rules import MOVES
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -633,23 +634,73 @@ def test_columns_of_the_leaderboard_without_content_are_left_out():
     assert filled(heads[:1], []) == (["Policy"], [])
 
 
-@pytest.mark.thorough
-def test_a_schedule_of_edge_counts_as_runs_do_and_changes_for_the_better():
-    script = importlib.import_module("edge_schedule")
-    scenario = load(tasks()["uav-v1/edge/small"].path, ["episode.steps=4"])
-    world = build_world(scenario, 0)
-    engine = BatchSimulation(world, RunSettings((True,) * 2, True))
-    path = draw(world, 0, 0)
-    engine.reset(path)
-    start, hover = engine.save(), script.hovering(world, [20, 20])
-    plan = [list(hover) for _ in range(4)]
-    paid = script.in_time(engine, plan)
-    flown = du.run(
-        scenario, policy=lambda *_: hover[0], episodes=1, warmup=0, world_seed=0, progress=False
+class TestScheduleOfEdge:
+    steps, seed = 8, 0
+
+    @pytest.fixture
+    def scenario(self):
+        return load(tasks()["uav-v1/edge/small"].path, [f"episode.steps={self.steps}"])
+
+    @pytest.fixture
+    def script(self):
+        return importlib.import_module("edge_schedule")
+
+    @pytest.mark.thorough
+    def test_counts_what_a_run_with_its_commands_counts(self, script, scenario):
+        world = build_world(scenario, 0)
+        engine = BatchSimulation(world, RunSettings((True,) * 2, True))
+        paths = [draw(world, self.seed, episode) for episode in range(2)]
+        commands, shares = [], []
+        for plan in script.schedules(engine, paths, 20, self.seed):
+            shares.append(script.share_in_time(engine.log.requests))
+            moves = np.diff(plan.cells, axis=1)
+            commands += [
+                [commanded(world, *one) for one in zip(moves[:, t], plan.shares[:, t], strict=True)]
+                for t in range(self.steps)
+            ]
+        left = iter([command for step in commands for command in step])
+        flown = du.run(
+            scenario,
+            policy=lambda *_: next(left),
+            seed=self.seed,
+            episodes=2,
+            warmup=0,
+            world_seed=0,
+            progress=False,
+        )
+        late = flown.requests.dropna(subset="late").groupby("episode")["late"]
+        assert shares == pytest.approx([100 * (1 - own.astype(bool).mean()) for _, own in late])
+        assert next(left, None) is None
+
+    @pytest.mark.thorough
+    def test_changes_for_the_better(self, script, scenario):
+        world = build_world(scenario, 0)
+        engine = BatchSimulation(world, RunSettings((True,) * 2, True))
+        engine.reset(draw(world, self.seed, 0))
+        schedule = script.Schedule(engine, np.array(world.starts)[:, :2], None)
+        hovering = sum(schedule.paid)
+        schedule.improve(100, np.random.default_rng(0))
+        assert sum(schedule.paid) > hovering + 1.0
+        engine.restore(schedule.states[0])
+        assert schedule.fly(schedule.plan, 0)[0] == schedule.paid
+
+    def test_a_changed_plan_can_be_flown_and_differs_from_its_first_step_on(self, script, scenario):
+        world, rng = build_world(scenario, 0), np.random.default_rng(0)
+        cells = np.repeat(np.array(world.starts)[:, None, :2], self.steps + 1, axis=1)
+        plan = script.Plan(cells, np.full((2, self.steps), 0.75))
+        for _ in range(200):
+            after, begin = script.changed(plan, world, rng)
+            assert (after.cells[:, : begin + 1] == plan.cells[:, : begin + 1]).all()
+            assert (after.shares[:, :begin] == plan.shares[:, :begin]).all()
+            assert (np.abs(np.diff(after.cells, axis=1)).sum(-1) <= 1).all()
+            assert ((after.cells >= 0) & (after.cells < world.grid.cells)).all()
+            plan = after
+
+
+def commanded(world, move, share):
+    """Return the number of the command that moves a drone so and offloads this part of tasks."""
+    return next(
+        number
+        for number, one in enumerate(world.actions)
+        if MOVES.get(one.action, (0, 0, 0))[:2] == tuple(move) and one.share == share
     )
-    late = flown.requests["late"].dropna().astype(bool)
-    assert script.share_in_time(engine.log.requests) == pytest.approx(100 * (1 - late.mean()))
-    engine.restore(start)
-    script.improve(engine, plan)
-    engine.restore(start)
-    assert script.in_time(engine, plan) > paid
