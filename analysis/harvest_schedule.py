@@ -19,6 +19,7 @@ import argparse
 import math
 from collections.abc import Iterator
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -71,7 +72,7 @@ def main() -> None:
 def task_of(size: str, bands: float) -> Scenario:
     """Return the scenario of a task with so many times its bandwidth and power."""
     file = bench_folder() / f"harvest-{size}.yaml"
-    radio = load(file).fleet[0].radio
+    radio: Any = load(file).fleet[0].radio
     power_dbm = radio.power_dbm + 10.0 * math.log10(bands)
     wider = {"bandwidth_mhz": bands * radio.bandwidth_mhz, "power_dbm": power_dbm}
     return load(file, {f"drones.radio.{key}": value for key, value in wider.items()})
