@@ -704,3 +704,33 @@ def commanded(world, move, share):
         for number, one in enumerate(world.actions)
         if MOVES.get(one.action, (0, 0, 0))[:2] == tuple(move) and one.share == share
     )
+
+
+@pytest.mark.thorough
+def test_a_schedule_of_harvest_has_the_age_of_a_run_and_becomes_better(monkeypatch):
+    """Forks from the middle of an episode have the age that they have from its beginning."""
+    script = importlib.import_module("harvest_schedule")
+    monkeypatch.setattr(script, "LEGS", 1)
+    monkeypatch.setattr(script, "WAITS", 1)
+    scenario = load(tasks()["uav-v1/harvest/small"].path, ["episode.steps=8"])
+    world = build_world(scenario, 0)
+    forks = script.Forks(world, draw(world, 0, 0))
+    flown = du.run(scenario, policy="hover", episodes=1, warmup=0, world_seed=0, progress=False)
+    plan = [[], []]
+    age = forks.age_s(plan, [0, 0])
+    assert age == pytest.approx(flown.episodes["age_s"][0])
+    forks.accept()
+    assert [counts for _, counts in forks.states] == [[0, 0], [6, 6]]
+    home = [action.name for action in world.actions].index("GOTO_CHARGING_STATION")
+    plan[1] = [forks.hover] * 6 + [home]
+    from_the_middle = forks.age_s(plan, [8, 6])
+    assert len(forks.next_states) == 2 and forks.next_states[1] is forks.states[1]
+    assert script.Forks(world, draw(world, 0, 0)).age_s(plan, [0, 0]) == from_the_middle < age
+    assert script.lowest(forks, 0) >= script.lowest(forks, 100) > 0.0
+
+
+def test_a_task_of_harvest_with_ten_times_the_band_has_links_like_before():
+    script = importlib.import_module("harvest_schedule")
+    one, ten = (build_world(script.task_of("small", bands), 0).links[0] for bands in (1.0, 10.0))
+    assert ten.bandwidth_hz == 10 * one.bandwidth_hz
+    assert ten.rings_m == pytest.approx(one.rings_m)
