@@ -49,7 +49,7 @@ def test_the_total_of_one_drone_is_the_value_of_its_best_plan() -> None:
     team = team_of(city(1), starts=2)
     assert team.total() <= LOST, "without a plan it crashes"
     team.improve(1)
-    _, _, value, _ = team._values(0)
+    _, _, value = team._values(0)
     standing = team.sight.drones[0]
     best = value[standing.ready, standing.place, standing.units]
     assert team.total() == pytest.approx(best, rel=1e-9)
@@ -60,7 +60,7 @@ def test_what_a_plan_gains_is_what_it_adds_to_the_total(share: float) -> None:
     """Whatever the others cover; what comes after the plan is in ``ends``."""
     team = team_of(city(), share=share, starts=2)
     team.improve(2)
-    gained, _, _, _ = team._values(1)
+    gained, _, _ = team._values(1)
     ground, plan, total = team.grounds[1], team.plans[1], team.total()
     gain = 0.0
     for tick, (action, place, _) in enumerate(plan.tolist()):

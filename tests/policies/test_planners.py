@@ -24,7 +24,13 @@ from desim_uav.policies.base import as_seen, file_of
 from desim_uav.policies.clairvoyant import Clairvoyant
 from desim_uav.policies.greedy import Greedy
 from desim_uav.policies.hover import Hover
-from desim_uav.policies.planning.best_plan import LOST, free_steps, plan_of, values_of
+from desim_uav.policies.planning.best_plan import (
+    LOST,
+    Ways,
+    free_steps,
+    plan_of,
+    values_of,
+)
 from desim_uav.policies.planning.cover import covered_shares
 from desim_uav.policies.planning.future import imagined
 from desim_uav.policies.planning.ground import grounds_of
@@ -174,18 +180,16 @@ def test_the_best_plan_of_a_line_by_hand():
     gained[:, :, 0, 2] = 0.5
     after = np.array([[0, 1, 2], [1, 2, -1], [-1, 0, 1]])
     ones = np.ones(3, np.int64)
-    tables = (after, np.zeros(3, np.int64), np.arange(3), ones, ones)
-    stations, returns = np.array([0, -1, -1]), np.zeros((3, 4), np.int64)
-    charge_us, needs = np.array([60, 48, 36, 24, 12, 0]), np.array([1, 2, 3])
-    free = free_steps(np.zeros((1, 6), np.int64), 1)
-    value, best = values_of(
-        *(gained, *tables, stations, stations, returns, -1, charge_us, 60, needs, free),
-        *((0.0, 0.0), (0, 0, 2)),
-    )
+    stations, charge_ticks = np.array([0, -1, -1]), np.array([1, 1, 1, 1, 1, 0])
+    no_return = np.zeros((3, 4), np.int64), np.zeros((3, 6), np.int64), -1
+    rings, cells = np.zeros(3, np.int64), np.arange(3)
+    ways = Ways(after, ones, ones, rings, cells, stations, charge_ticks, stations, *no_return)
+    free, rates = free_steps(np.zeros((1, 6), np.int64), 1), (0.0, 0.0)
+    value = values_of(gained, ways, np.array([1, 2, 3]), free, rates, 0)
     # It charges for a step (to five units), flies to place 2 and at once back, which takes it to
     # place 1 with two units: half a step's gain on the way there and half on the way back.
     assert value[0, 0, 2] == 1.0
-    plan = plan_of(best, after, ones, ones, stations, returns, charge_us, 60, free, (0, 0, 2))
+    plan = plan_of(gained, value, ways, free, rates, (0, 0, 2))
     assert np.count_nonzero(plan[:, 1] == 2) == 1
     assert value[0, 2, 1] <= LOST, "a unit does not take it home from there"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,28 @@ EPS = 1e-9
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
+
+
+class Ways(NamedTuple):
+    """What drones of a type can do at each place: tables of ``Ground``, where times are in ticks.
+
+    ``charge_ticks`` (units + 1,) is the time to a full battery at a station. A return to the place
+    ``returns[p, 0]`` lands after ``returns[p, 1]`` ticks with ``returns[p, 2]`` units less, if
+    ``returns[p, 3]`` is 1; ``return_ticks`` (places, units + 1) is the time from then to a full
+    battery, by the units with which the return begins.
+    """
+
+    after: Ints
+    lasts: Ints
+    drains: Ints
+    rings: Ints
+    cells: Ints
+    charges_at: Ints
+    charge_ticks: Ints
+    station_of: Ints
+    returns: Ints
+    return_ticks: Ints
+    return_at: int
 
 
 @part
@@ -45,142 +69,164 @@ def free_steps(busy: Ints, pads: int) -> Ints:
     return free
 
 
-@maker
-def _can_be(steps: int, drains: Ints, lasts: Ints, begins: int, full: int, units: int) -> Ints:
-    """Return the units of battery that a drone can have in each step: (steps + 1, full + 2).
+@part
+def _end_of(gained: Floats, ways: Ways, step: int, move: int) -> int:
+    """Return the step in which a move is over, which is the last one at most."""
+    end: int = min(step + ways.lasts[move], gained.shape[1])
+    return end
 
-    The first number of a row is how many follow. A drone that begins with ``units`` may have
-    charged before any later step.
+
+@part
+def _gain_of(gained: Floats, ways: Ways, step: int, place: int, move: int) -> float:
+    """Return what a move gains.
+
+    In the first half of a move that lasts for several steps, a drone counts as where it has begun.
     """
-    can_be = np.zeros((steps + 1, full + 2), np.int64)
-    may = np.zeros((steps + 1, full + 1), np.int8)
-    may[begins, units] = 1
-    may[begins + 1 :, full] = 1
-    for t in range(begins, steps + 1):
-        for b in range(full + 1):
-            if may[t, b] == 1:
-                can_be[t, 0] += 1
-                can_be[t, can_be[t, 0]] = b
-                for m in range(len(drains)):
-                    if b > drains[m]:
-                        may[min(t + lasts[m], steps), b - drains[m]] = 1
-    return can_be
+    to, lasts, rings, cells = ways.after[move, place], ways.lasts[move], ways.rings, ways.cells
+    end = _end_of(gained, ways, step, move)
+    gain: float = gained[0, step, rings[place], cells[place]]
+    for k in range(step + 1, end):
+        at = place if 2 * (k - step) < lasts else to
+        gain += gained[1, k - 1, rings[at], cells[at]]
+        gain += gained[0, k, rings[at], cells[at]]
+    gain += gained[1, end - 1, rings[to], cells[to]]
+    return gain
 
 
 @part
-def _move(
-    top: Floats,
-    which: NDArray[np.int8],
-    move: int,
-    gain: float,
-    then: Floats,
-    drain: int,
-    can_be: Ints,
-) -> None:
-    """Let a drone move with each battery for which that is better than what is known so far."""
-    for k in range(1, can_be[0] + 1):
-        b = can_be[k]
-        if b <= drain:
-            continue
-        worth = gain + then[b - drain]
-        if worth > top[b] + EPS:
-            top[b], which[b] = worth, move
-
-
-@part
-def _take(top: Floats, which: NDArray[np.int8], battery: int, action: int, worth: float) -> None:
-    """Let a drone take an action if it is better than what is known so far."""
-    if worth > top[battery] + EPS:
-        top[battery], which[battery] = worth, action
-
-
-@part
-def _after(value: Floats, end: int, place: int, step_worth: float) -> float:
+def _full_at(value: Floats, end: int, place: int, step_worth: float) -> float:
     """Return the value of a full battery at a place and step, which may be after the last one."""
     last = len(value) - 1
     worth: float = value[min(end, last), place, value.shape[2] - 1]
     return worth - max(0, end - last) * step_worth
 
 
+@part
+def _charged(
+    value: Floats, ways: Ways, free: Ints, rates: tuple[float, float], t: int, p: int, b: int
+) -> float:
+    """Return what a charge is worth that begins at a station in step ``t`` with ``b`` units."""
+    end = _charged_by(free, ways.charges_at[p], t, ways.charge_ticks[b])
+    worth: float = _full_at(value, end, p, rates[1])
+    return worth
+
+
+@part
+def _returned(
+    value: Floats, ways: Ways, free: Ints, rates: tuple[float, float], t: int, p: int, b: int
+) -> float:
+    """Return what a return is worth that begins in step ``t`` with ``b`` units, with its charge."""
+    to = ways.returns[p, 0]
+    lands = min(t + ways.returns[p, 1], len(value) - 1)
+    end = _charged_by(free, ways.station_of[to], lands, ways.return_ticks[p, b])
+    worth: float = _full_at(value, end, to, rates[1])
+    return worth
+
+
+@part
+def _move(top: Floats, gain: float, then: Floats, drain: int) -> None:
+    """Let a drone move with each battery for which that is better than what is known so far."""
+    here, left = top[drain + 1 :], then[1:]
+    for k in range(len(here)):  # without a branch, so that several are done at once
+        worth = gain + left[k]
+        here[k] = worth if worth > here[k] + EPS else here[k]
+
+
+@part
+def _better(most: float, worth: float) -> float:
+    """Return what is known to be the greatest worth after another action has been looked at."""
+    return worth if worth > most + EPS else most
+
+
+@part
+def _go_back(
+    value: Floats, gained: Floats, ways: Ways, free: Ints, rates: tuple[float, float], begins: int
+) -> None:
+    """Compute the values of all steps from those after the last one (see ``values_of``)."""
+    steps, full = gained.shape[1], len(ways.charge_ticks) - 1
+    moves, places = ways.after.shape
+    for t in range(steps - 1, begins - 1, -1):
+        for p in range(places):
+            top = value[t, p]
+            top[:] = LOST
+            for m in range(moves):
+                if ways.after[m, p] >= 0:
+                    then = value[_end_of(gained, ways, t, m), ways.after[m, p]]
+                    _move(top, _gain_of(gained, ways, t, p, m), then, ways.drains[m])
+            if ways.charges_at[p] >= 0:
+                for b in range(1, full):
+                    top[b] = _better(top[b], _charged(value, ways, free, rates, t, p, b))
+            if ways.returns[p, 3] == 1:
+                for b in range(ways.returns[p, 2] + 1, min(ways.return_at, full) + 1):
+                    top[b] = _better(top[b], _returned(value, ways, free, rates, t, p, b))
+
+
 @maker
 def values_of(
     gained: Floats,
-    after: Ints,
-    rings: Ints,
-    cells: Ints,
-    drains: Ints,
-    lasts: Ints,
-    station_of: Ints,
-    charges_at: Ints,
-    returns: Ints,
-    return_at: int,
-    charge_us: Ints,
-    step_us: int,
+    ways: Ways,
     needs: Ints,
     free: Ints,
     rates: tuple[float, float],
-    start: tuple[int, int, int],
-) -> tuple[Floats, NDArray[np.int8]]:
-    """Return the value of each (step, place, units of battery), and the best action there.
+    begins: int,
+) -> Floats:
+    """Return the value of each (step, place, units of battery) from step ``begins`` on.
 
-    Only units that a drone can have that begins at ``start`` (step, place, units) have values.
-    Action k < moves is a move, ``moves`` is the return to a station, ``moves`` + 1 the charge. A
-    crash is worth ``LOST``. In the first half of a move that lasts for several steps, a drone
-    counts as where it has begun. See ``Ground`` for the tables; a step here is a tick there.
+    A crash is worth ``LOST``. ``gained`` (2, steps, rings, cells) is what a drone gains in a step
+    by its start and by its end, ``needs`` (places,) are the units that it needs after the last
+    step, and ``rates`` what a unit is worth then, and a step of charging. A step here is a tick.
     """
-    steps = gained.shape[1]
-    moves, places = after.shape
-    full = len(charge_us) - 1
+    steps, full = gained.shape[1], len(ways.charge_ticks) - 1
+    places = len(needs)
     value = np.empty((steps + 1, places, full + 1))
-    best = np.full((steps, places, full + 1), -1, np.int8)
     for p in range(places):
         for b in range(full + 1):
             value[steps, p, b] = rates[0] * b + (0.0 if b >= needs[p] else LOST)
-    units = _can_be(steps, drains, lasts, start[0], full, start[2])
-    for t in range(steps - 1, start[0] - 1, -1):
-        for p in range(places):
-            top, which = value[t, p], best[t, p]
-            top[:] = LOST
-            station = charges_at[p]
-            for m in range(moves):
-                q = after[m, p]
-                if q >= 0:
-                    end = min(t + lasts[m], steps)
-                    gain = gained[0, t, rings[p], cells[p]]
-                    for k in range(t + 1, end):
-                        at = p if 2 * (k - t) < lasts[m] else q
-                        gain += gained[1, k - 1, rings[at], cells[at]]
-                        gain += gained[0, k, rings[at], cells[at]]
-                    gain += gained[1, end - 1, rings[q], cells[q]]
-                    _move(top, which, m, gain, value[end, q], drains[m], units[t])
-            if station >= 0:
-                for k in range(1, units[t, 0] + 1):
-                    b = units[t, k]
-                    if b in (0, full):
-                        continue
-                    end = _charged_by(free, station, t, -(-charge_us[b] // step_us))
-                    _take(top, which, b, moves + 1, _after(value, end, p, rates[1]))
-            if returns[p, 3] == 1:
-                q, flight_us, drain = returns[p, 0], returns[p, 1], returns[p, 2]
-                for b in range(drain + 1, min(return_at, full) + 1):
-                    lands = min(t + flight_us // step_us, steps)
-                    takes = -(-(flight_us % step_us + charge_us[b - drain]) // step_us)
-                    end = _charged_by(free, station_of[q], lands, takes)
-                    _take(top, which, b, moves, _after(value, end, q, rates[1]))
-    return value, best
+    _go_back(value, gained, ways, free, rates, begins)
+    return value
+
+
+@maker
+def best_of(
+    gained: Floats,
+    value: Floats,
+    ways: Ways,
+    free: Ints,
+    rates: tuple[float, float],
+    at: tuple[int, int, int],
+) -> int:
+    """Return the best action at (step, place, units), of which the first that is best counts.
+
+    Action k < moves is a move, ``moves`` is the return to a station, ``moves`` + 1 the charge; -1
+    if each leads to a crash.
+    """
+    t, p, b = at
+    moves, full = len(ways.after), len(ways.charge_ticks) - 1
+    best, most = -1, LOST
+    for m in range(moves):
+        if ways.after[m, p] >= 0 and b > ways.drains[m]:
+            end = _end_of(gained, ways, t, m)
+            then = value[end, ways.after[m, p], b - ways.drains[m]]
+            worth = _gain_of(gained, ways, t, p, m) + then
+            if worth > most + EPS:
+                best, most = m, worth
+    if ways.charges_at[p] >= 0 and 0 < b < full:
+        worth = _charged(value, ways, free, rates, t, p, b)
+        if worth > most + EPS:
+            best, most = moves + 1, worth
+    may_return = ways.returns[p, 3] == 1 and ways.returns[p, 2] < b <= ways.return_at
+    if may_return and _returned(value, ways, free, rates, t, p, b) > most + EPS:
+        best = moves
+    return best
 
 
 @maker
 def plan_of(
-    best: NDArray[np.int8],
-    after: Ints,
-    drains: Ints,
-    lasts: Ints,
-    station_of: Ints,
-    returns: Ints,
-    charge_us: Ints,
-    step_us: int,
+    gained: Floats,
+    value: Floats,
+    ways: Ways,
     free: Ints,
+    rates: tuple[float, float],
     start: tuple[int, int, int],
 ) -> Ints:
     """Return the best plan from (step, place, units): (steps, 3), the action and the place of each.
@@ -189,26 +235,25 @@ def plan_of(
     none. A drone that returns or charges is at its station's place. The third number is how many
     steps of a move are over, whose place is the one where it has begun.
     """
-    steps, moves = len(best), len(after)
+    steps, moves = gained.shape[1], len(ways.after)
     plan = np.full((steps, 3), -1)
     t, p, b = start
     while t < steps:
-        m = best[t, p, b]
+        m = best_of(gained, value, ways, free, rates, (t, p, b))
         if m < 0:
             break
         plan[t, 0], plan[t, 1], plan[t, 2] = m, p, 0
         if m < moves:
-            for k in range(t, min(t + lasts[m], steps)):
+            for k in range(t, _end_of(gained, ways, t, m)):
                 plan[k, 0], plan[k, 1], plan[k, 2] = m, p, k - t
-            t, p, b = t + lasts[m], after[m, p], b - drains[m]
+            t, p, b = t + ways.lasts[m], ways.after[m, p], b - ways.drains[m]
             continue
-        lands, takes = t, -(-charge_us[b] // step_us)
+        lands, takes = t, ways.charge_ticks[b]
         if m == moves:
-            flight_us, b = returns[p, 1], b - returns[p, 2]
-            p, lands = returns[p, 0], min(t + flight_us // step_us, steps)
-            takes = -(-(flight_us % step_us + charge_us[b]) // step_us)
-        end = min(_charged_by(free, station_of[p], lands, takes), steps)
+            lands, takes = min(t + ways.returns[p, 1], steps), ways.return_ticks[p, b]
+            p = ways.returns[p, 0]
+        end = min(_charged_by(free, ways.station_of[p], lands, takes), steps)
         for k in range(t, max(end, t + 1)):
             plan[k, 0], plan[k, 1], plan[k, 2] = m, p, 0
-        t, b = max(end, t + 1), len(charge_us) - 1
+        t, b = max(end, t + 1), len(ways.charge_ticks) - 1
     return plan

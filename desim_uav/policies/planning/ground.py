@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.mobility.walks import joined_walks
 from desim_uav.model.random.streams import Purpose, Streams
+from desim_uav.policies.planning.best_plan import Ways
 from desim_uav.policies.planning.flights import CellFlights, Flights, Flown
 from desim_uav.policies.planning.free_flights import FreeFlights
 from desim_uav.world import World
@@ -63,6 +65,26 @@ class Ground:
     centres_m: Floats
     radii_m: Floats
     spread_m: Floats
+
+    @cached_property
+    def ways(self) -> Ways:
+        """The tables with which plans are made."""
+        tick_us, units = self.tick_us, len(self.charge_us)
+        lands, rest_us = divmod(self.returns[:, 1], tick_us)
+        left = np.maximum(np.arange(units) - self.returns[:, 2:3], 0)
+        return Ways(
+            self.after,
+            self.lasts,
+            self.drains,
+            self.rings,
+            self.cells,
+            self.charges_at,
+            -(-self.charge_us // tick_us),
+            self.station_of,
+            np.column_stack([self.returns[:, 0], lands, self.returns[:, 2:]]),
+            -(-(rest_us[:, None] + self.charge_us[left]) // tick_us),
+            int(self.return_at),
+        )
 
     @property
     def full(self) -> int:

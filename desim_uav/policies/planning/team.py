@@ -12,7 +12,7 @@ from desim_uav.commands.given import Command
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation
-from desim_uav.policies.planning.best_plan import EPS, LOST, free_steps, plan_of, values_of
+from desim_uav.policies.planning.best_plan import EPS, LOST, best_of, free_steps, plan_of, values_of
 from desim_uav.policies.planning.cover import covered_shares, gains
 from desim_uav.policies.planning.ground import Ground
 from desim_uav.policies.planning.sight import PlanningSight
@@ -174,25 +174,15 @@ class TeamPlanner:
     def _change(self, drone: int) -> bool:
         """Let a drone take the best plan for what the others leave; return whether it is new."""
         ground, standing = self.grounds[drone], self.sight.drones[drone]
-        _, free, value, best = self._values(drone)
-        plan = plan_of(
-            best,
-            ground.after,
-            ground.drains,
-            ground.lasts,
-            ground.station_of,
-            ground.returns,
-            ground.charge_us,
-            self.tick_us,
-            free,
-            (standing.ready, standing.place, standing.units),
-        )
+        gained, free, value = self._values(drone)
+        start = (standing.ready, standing.place, standing.units)
+        plan = plan_of(gained, value, ground.ways, free, self.rates[drone], start)
         changed = not np.array_equal(plan, self.plans[drone])
         self.plans[drone] = plan
         self._hold(drone)
         if self.habits.starts > 1:
             gain = (self._left(drone) * self.covers[drone]).sum()
-            self.ends[drone] = value[standing.ready, standing.place, standing.units] - gain
+            self.ends[drone] = value[start] - gain
         return changed
 
     def _left(self, drone: int) -> Floats:
@@ -203,7 +193,7 @@ class TeamPlanner:
         worth: Floats = self._worth_to(drone) * left
         return worth
 
-    def _values(self, drone: int) -> tuple[Floats, Ints, Floats, NDArray[np.int8]]:
+    def _values(self, drone: int) -> tuple[Floats, Ints, Floats]:
         """Return gains, free pads and ``values_of`` of a drone, for what the others leave."""
         ground, standing = self.grounds[drone], self.sight.drones[drone]
         others = np.arange(len(self.plans)) != drone
@@ -211,25 +201,8 @@ class TeamPlanner:
         free = free_steps(self.busy[others].sum(axis=0), ground.world.scenario.stations.pads)
         if not self.settled:
             self.rates[drone] = self._rates(ground, gained)
-        values = values_of(
-            gained,
-            ground.after,
-            ground.rings,
-            ground.cells,
-            ground.drains,
-            ground.lasts,
-            ground.station_of,
-            ground.charges_at,
-            ground.returns,
-            ground.return_at,
-            ground.charge_us,
-            self.tick_us,
-            self._needs(ground),
-            free,
-            self.rates[drone],
-            (standing.ready, standing.place, standing.units),
-        )
-        return gained, free, *values
+        needs, rates = self._needs(ground), self.rates[drone]
+        return gained, free, values_of(gained, ground.ways, needs, free, rates, standing.ready)
 
     def worths(self, drone: int) -> Floats:
         """Return the worth of the best plan that begins with each action of a drone: (moves + 2,).
@@ -239,7 +212,7 @@ class TeamPlanner:
         decide now, and its moves must last for a tick.
         """
         ground, standing = self.grounds[drone], self.sight.drones[drone]
-        gained, _, value, best = self._values(drone)
+        gained, free, value = self._values(drone)
         here, units = standing.place, standing.units
         worths = np.full(len(ground.after) + 2, LOST)
         for k, (there, drain) in enumerate(zip(ground.after[:, here], ground.drains, strict=True)):
@@ -247,8 +220,10 @@ class TeamPlanner:
                 worths[k] = value[1, there, units - drain]
                 worths[k] += gained[0, 0, ground.rings[here], ground.cells[here]]
                 worths[k] += gained[1, 0, ground.rings[there], ground.cells[there]]
-        if best[0, here, units] >= len(ground.after):
-            worths[best[0, here, units]] = value[0, here, units]
+        at = (0, here, units)
+        best = best_of(gained, value, ground.ways, free, self.rates[drone], at)
+        if best >= len(ground.after):
+            worths[best] = value[at]
         return worths
 
     def covered(self) -> float:
