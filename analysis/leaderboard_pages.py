@@ -133,11 +133,11 @@ def _overview(
     parts = [
         NOTE + "# Leaderboard\n",
         "The [scores](../benchmark.md#scores) of policies in the tasks of the benchmark: the "
-        "baseline has 0 unless it crashes, and no policy exceeds 1. Each is an interquartile mean over the runs; the "
-        "pages of the tasks have the intervals. The best policy without knowledge of the future is "
-        "bold. *Apart* counts policies of which any two differ: the 95 % interval of their "
-        "difference, paired by seed, does not contain 0. A click on a heading of a table sorts "
-        "it.\n",
+        "baseline has 0 unless it crashes, and no policy exceeds 1. Each is an interquartile mean "
+        "over the runs; the pages of the tasks have the intervals. The best policy without "
+        "knowledge of the future is bold. *Apart* counts policies of which any two differ: the "
+        "95 % interval of their difference, paired by seed, does not contain 0. A click on a "
+        "heading of a table sorts it.\n",
         _markdown(heads, lines),
         _summary(tables),
         *map(_of_several, of_all),
