@@ -13,7 +13,7 @@ from desim_uav.world import World
 
 SHARES = (0.01, 0.2, 0.5, 0.9, 1.0)
 UNITS = 1000.0
-"""By more than this factor, a full battery does not last longer or shorter than it says."""
+"""A full battery that lasts longer or shorter than it says, by this factor, has another unit."""
 
 
 def require_inverse_drains(world: World) -> None:
@@ -21,8 +21,7 @@ def require_inverse_drains(world: World) -> None:
     for drones in world.scenario.fleet:
         if drones.battery is not None:
             name = type(drones.battery).__name__
-            hover, *flights = transits_of(world)
-            for flight in (hover, *flights):
+            for flight in transits_of(world):
                 for problem in _problems(drones.battery, flight):
                     require(False, f"battery {name!r}, {_named(flight)}: {problem}")
 

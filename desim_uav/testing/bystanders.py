@@ -1,4 +1,4 @@
-"""Checks of rewards and observations: they only look on, and features are what they are said."""
+"""Checks of rewards and observations: they change nothing, and features are as declared."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _without_rewards(tables: Frames) -> Frames:
 
 
 def require_features(scenario: Scenario, seed: int) -> None:
-    """Require of an episode's observations that each feature is as it was declared."""
+    """Require of an episode's observations that all features are as they were declared."""
     env = UavParallelEnv(scenario, engine="des")
     seen, _ = env.reset(seed=seed)
     _check_features(env, 0)
@@ -57,8 +57,8 @@ def _check_features(env: UavParallelEnv, step: int) -> None:
         where = f"observation of drone {drone} at step {step}"
         numbers = world.scenario.observation.encode(observation, world.facts_of(drone))
         features = features_of(world, drone)
-        short = len(numbers) == len(features)
-        require(short, f"{where}: {len(numbers)} numbers for {len(features)} features")
+        enough = len(numbers) == len(features)
+        require(enough, f"{where}: {len(numbers)} numbers for {len(features)} features")
         for feature, number in zip(features, numbers, strict=True):
             what = f"{where}: {feature.name!r} is {number!r}"
             inside = feature.low <= number <= feature.high

@@ -191,7 +191,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "flat": (of_users("Flat"), "must return legs of five columns"),
     "order": (
         {"demand": {"kind": f"{HERE}:Table", "first_us": 5e7}},
-        r"request 1 of requests\(\) is before the one above it",
+        r"row 1 of requests\(\) is earlier than the row before it",
     ),
     "floats": (
         {"demand": {"kind": f"{HERE}:Table", "numbers": "float64"}},

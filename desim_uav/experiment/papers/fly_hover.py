@@ -108,8 +108,8 @@ def at_centre(nodes: Array, bits: float, cost: Cost) -> Plan:
 
 def optimised(nodes: Array, bits: float, cost: Cost) -> Plan:
     """Return the best plan over orders and places of hovers, by local searches."""
-    found = (_improved(np.array(order), bits, cost) for order in permutations(nodes.tolist()))
-    return min(found, key=lambda one: one.cost)
+    plans = (_improved(np.array(order), bits, cost) for order in permutations(nodes.tolist()))
+    return min(plans, key=lambda one: one.cost)
 
 
 def _improved(nodes: Array, bits: float, cost: Cost) -> Plan:

@@ -383,10 +383,10 @@ def _counted(demand: Demand, requests: Requests, services: Catalogue, users: int
 
 
 def _misshapen(requests: Requests, users: int) -> str:
-    """Return the problem if these are not whole numbers of each user, in the order of times."""
+    """Return the problem if these are not rows of whole numbers, each user's in order of time."""
     try:
         rows, offsets, follows = (np.asarray(part) for part in requests)
-    except (TypeError, ValueError):  # these are not three things
+    except (TypeError, ValueError):  # it has not three parts
         rows = offsets = follows = np.zeros(0)
     shaped = rows.ndim == 2 and rows.shape[1] >= DRAWN and offsets.shape == (users + 1,)
     if not (shaped and rows.dtype.kind == offsets.dtype.kind == "i"):
@@ -399,7 +399,7 @@ def _misshapen(requests: Requests, users: int) -> str:
     falls = (np.diff(rows[:, DUE_US]) < 0) & ~begins[1:-1]
     falls &= ~np.broadcast_to(follows, users)[user[1:]]
     late = np.flatnonzero(falls)
-    return f"request {late[0] + 1} of requests() is before the one above it" if len(late) else ""
+    return f"row {late[0] + 1} of requests() is earlier than the row before it" if len(late) else ""
 
 
 COLUMNS = {

@@ -151,8 +151,6 @@ def _root(c: Coefficients, low: float, high: float, rises: bool, within: float) 
     It is found by Newton's method, safeguarded by bisection. A value of 0 makes that long, so it
     ends before if it may be ``within`` a distance, relative or absolute, of the exact root.
     """
-    if c[2] == 0.0 and c[3] == 0.0 and c[4] == 0.0:
-        return _root_of_line(c[0], c[1], low, high, rises, within)
     t = 0.5 * (low + high)
     for _ in range(80):  # pragma: no branch (it has converged long before)
         value = value_at(c, t)
@@ -162,29 +160,6 @@ def _root(c: Coefficients, low: float, high: float, rises: bool, within: float) 
             low = t
         slope = c[1] + t * (2.0 * c[2] + t * (3.0 * c[3] + t * 4.0 * c[4]))
         step = t - value / slope if slope != 0.0 else low
-        if abs(step - t) < 0.01 * within * max(1.0, t):
-            return step
-        if not low < step < high:
-            step = 0.5 * (low + high)
-        if abs(step - t) <= 1e-13 * max(1.0, t) or step <= low or step >= high:
-            return step
-        t = step
-    return t  # pragma: no cover
-
-
-@part
-def _root_of_line(
-    at: float, slope: float, low: float, high: float, rises: bool, within: float
-) -> float:
-    """Return what ``_root`` does for a polynomial of degree one, in the same steps."""
-    t = 0.5 * (low + high)
-    for _ in range(80):  # pragma: no branch (it has converged long before)
-        value = at + t * slope
-        if (value > 0.0) == rises:
-            high = t
-        else:
-            low = t
-        step = t - value / slope
         if abs(step - t) < 0.01 * within * max(1.0, t):
             return step
         if not low < step < high:

@@ -124,7 +124,7 @@ def misshapen(walks: Walks, users: int) -> str:
     """Return the problem if these are not legs of five columns, one at least for each user."""
     try:
         legs, offsets = (np.asarray(part) for part in walks)
-    except (TypeError, ValueError):  # these are not two things
+    except (TypeError, ValueError):  # it has not two parts
         legs = offsets = np.zeros(0)
     are_legs = legs.dtype == dtype_of(WalkLeg) or (legs.ndim == 2 and legs.shape[1] == 5)
     if are_legs and offsets.shape == (users + 1,):
