@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import accumulate, chain, product
+from itertools import accumulate, chain, count, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -125,8 +125,16 @@ def _curves(world: World, number: int) -> Table[Curve]:
     return Table(blank_curve(height_m, math.hypot(*world.area)) for height_m in heights_m)
 
 
-def draw_curves(scene: Any) -> None:
-    """Draw the curves of a scene in memory, in which the functions of path losses are known."""
+_numbers = count(1)
+
+
+def complete(scene: Any) -> None:
+    """Number a scene in memory, in which the functions of path losses are known; draw its curves.
+
+    Its number is its own in this process, so a scene that comes from another one has to be given
+    one, too.
+    """
+    scene.number = next(_numbers)
     for radio in scene.radios:
         if len(radio.curves):
             loss = radio.level, radio.rates, radio.loss_values

@@ -5,6 +5,7 @@ from __future__ import annotations
 from desim_uav.rowcode.compiled_rows import call_for_int
 from desim_uav.rowcode.kernels import apart, rare_rule, rule
 from desim_uav.rowcode.rows import address
+from desim_uav.rules.recurring import recall_leg, recurs, remember_leg
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.transits import show_leg
 from desim_uav.rules.walks import know_walks, walks_of
@@ -122,12 +123,22 @@ def _mark(world: Constants, path: Path, state: State, drone: Drone, end_us: int)
     state.sky.legs[drone.index].marked_us = drone.marked_us
 
 
+@rule
+def _omit_marks(world: Constants, state: State, drone: Drone, end_us: int) -> None:
+    """Take the marks of a drone's links as made from now on, though they are not in memory."""
+    if world.radios[drone.radio].marked:
+        marks_at, first = state.sky.air.marks_at, drone.index * (len(state.users) + 1)
+        marks_at[first + len(state.users)] = marks_at[first]
+        drone.marked_us, drone.marked_until_us = state.now_us, end_us
+
+
 @apart
 def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
     """Write the changes on a leg to ``drone.ahead``, where they are not those of rings.
 
     There are none if a drone hovers on, no user walks, and no class changed after the start of its
     leg before. Marks, which are then alike at all times, are made only if ``passes_us`` needs them.
+    Nor are they made if changes are known because the leg was flown before (``recurring``).
     """
     if drone.serving and drone.steady and drone.transit == REST:
         drone.ahead.clear()
@@ -136,11 +147,19 @@ def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, spa
     if not show_air(world, path, state, end_us):
         drone.ahead.clear()
         return
-    mark_all(world, path, state, drone, end_us)
     note_classes(state, drone)
-    places = address(world.scene), address(state.sky), *drone.ahead.space(state.sky.changes)
-    of_leg = *walks_of(path, state), drone.index, state.now_us, end_us
-    count = call_for_int(world.foresee_in_air, (*places, *of_leg))
+    known, count = recurs(world, state, drone, end_us), -1
+    if known:
+        count = recall_leg(world, state, drone, end_us)
+    if count >= 0:
+        _omit_marks(world, state, drone, end_us)
+    else:
+        mark_all(world, path, state, drone, end_us)
+        places = address(world.scene), address(state.sky), *drone.ahead.space(state.sky.changes)
+        of_leg = *walks_of(path, state), drone.index, state.now_us, end_us
+        count = call_for_int(world.foresee_in_air, (*places, *of_leg))
+        if known:
+            remember_leg(world, state, drone, count)
     drone.ahead.fill(state.sky.changes, count)
     if state.look.still and drone.transit == REST:
         drone.steady = int(len(drone.ahead) == 0 or drone.ahead[0].t_us == state.now_us)

@@ -51,7 +51,8 @@ def foresee(
 @rare_rule
 def foresee_rings(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
     """Write the changes on a leg to ``drone.ahead``, where they are those of rings."""
-    if state.look.stand and drone.serving and span_us == world.step_us:
+    tabulated = state.look.stand and len(world.known_at) > 0
+    if tabulated and drone.serving and span_us == world.step_us:
         recall(world, state, drone)
         return
     ahead, until_us = drone.ahead, state.now_us + span_us

@@ -10,17 +10,13 @@ COURSES = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
 
 
 @rule
-def stand(world: Constants, path: Path) -> int:
-    """Return whether all users stand still at the homes for which the table was computed."""
-    if len(world.known_at) == 0 or path.stepwise or len(path.legs) != len(world.homes):
-        return 0
+def at_home(world: Constants, path: Path) -> bool:
+    """Return whether all users, who do not walk, are at their homes."""
     for user in range(len(world.homes)):
         home, leg = world.homes[user], path.legs[user]
         if leg.x_m != home.x_m or leg.y_m != home.y_m:
-            return 0
-        if leg.vx_mps != 0.0 or leg.vy_mps != 0.0:
-            return 0
-    return 1
+            return False
+    return True
 
 
 @apart

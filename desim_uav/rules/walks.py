@@ -6,7 +6,7 @@ from desim_uav.rowcode.compiled_rows import call
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.rows import address
 from desim_uav.rules.rows import Constants, Path, State
-from desim_uav.rules.standing import stand
+from desim_uav.rules.standing import at_home
 
 
 @rule
@@ -14,7 +14,8 @@ def look_anew(world: Constants, path: Path, state: State) -> None:
     """Forget what is known of the users' walks and of marks, at the start of an episode."""
     look, sky = state.look, state.sky
     sky.from_us = sky.to_us = look.walked_us = -1
-    look.stand, look.still = stand(world, path), _still(path)
+    look.still = _still(path)
+    look.stand = int(look.still and at_home(world, path))
     look.walking.begun = look.walking.lost = sky.marks_lost = 0
     for k in range(len(sky.air.marks_at)):
         sky.air.marks_at[k] = 0

@@ -72,14 +72,16 @@ class Propagation(Row):
 class Scene(Row):
     """What does not change in a run: transits, radios, users' heights, and a least distance.
 
-    ``transits`` and ``radios`` have the numbers of those of ``rules.rows.Constants``. ``groups``
-    are those of the users by height, and ``heights_m`` their heights, if a search needs them
-    (``model.radio.air``). If links are drawn, users are ``drawn_as`` these numbers. Users are
-    sorted by place into buckets. The buildings that block lines of sight are from ``built_x`` to
-    ``tallest_m`` (see ``model.radio.buildings``): building b has the corners from ``corners_at[b]``
-    on, and bucket k the buildings ``built`` from ``built_at[k]`` on.
+    No other scene in this process has its ``number``. ``transits`` and ``radios`` have the numbers
+    of those of ``rules.rows.Constants``. ``groups`` are those of the users by height, and
+    ``heights_m`` their heights, if a search needs them (``model.radio.air``). If links are drawn,
+    users are ``drawn_as`` these numbers. Users are sorted by place into buckets. The buildings that
+    block lines of sight are from ``built_x`` to ``tallest_m`` (see ``model.radio.buildings``):
+    building b has the corners from ``corners_at[b]`` on, and bucket k the buildings ``built`` from
+    ``built_at[k]`` on.
     """
 
+    number: int
     separation_m: float
     buckets_x: int
     buckets_y: int
@@ -164,7 +166,8 @@ class Sky(Row):
     The rest is for links whose changes are not those of rings: the classes ``held`` before a span,
     by sender and user; the changes by which one level ``passed`` another; and memory for marks, of
     which each sender has ``mark_rows``. ``marks_lost`` says that they were too few, or the memory
-    in which they are made. In the compiled engine, scratch (``engine.compiled.scratch``) is
+    in which they are made. What is known of legs is at the address ``leg_memory``, in memory of the
+    thread (``sky.leg_memory``). In the compiled engine, scratch (``engine.compiled.scratch``) is
     ``scratch_at`` bytes behind the state, which needs ``scratch_words`` of it.
     """
 
@@ -174,6 +177,7 @@ class Sky(Row):
     )
     scratch_at: int
     scratch_words: int
+    leg_memory: int
     legs: Table[LegRow]
     from_us: int
     to_us: int
@@ -190,6 +194,6 @@ class Sky(Row):
     air: Air
     held: Table[int]
     passed: Table[Change]
-    mark_rows: int
-    marks_lost: int
+    mark_rows: Int32
+    marks_lost: Int16
     making: Making

@@ -18,7 +18,10 @@ SEAM = {
 }
 """The functions of the rules in whose place the compiled engine has others: seven (decision 1)."""
 
-FORESEEN = {"foresee", "foresee_in_air", "foresee_all", "better_us", "mark", "meet", "least_m"}
+FORESEEN = {
+    *("foresee", "foresee_in_air", "foresee_all", "recall_leg", "remember_leg", "better_us"),
+    *("mark", "meet", "least_m"),
+}
 """The kernels of the sky, which the SimPy engine calls with memory that grows (decision 21)."""
 
 

@@ -29,7 +29,7 @@ from desim_uav.rules.due import due, nothing_due
 from desim_uav.rules.rows import Begun, Constants, Drone, Path, State
 from desim_uav.rules.walks import know_walks, look_anew
 from desim_uav.rules.whole_state import write_state
-from desim_uav.sky import links, separation
+from desim_uav.sky import leg_memory, links, separation
 from desim_uav.sky.foresee import foresee_discs, foresee_rings
 
 Ints = NDArray[np.int64]
@@ -52,6 +52,8 @@ def set_functions(constants: Constants, graded: bool, in_air: bool) -> None:
     if in_air:
         constants.foresee_in_air = address_of(links.foresee_in_air, *[int] * 10)
         constants.foresee_all = address_of(links.foresee_all, *[int] * 7)
+        constants.recall_leg = address_of(leg_memory.recall_leg, *[int] * 7)
+        constants.remember_leg = address_of(leg_memory.remember_leg, *[int] * 4)
         constants.better_us = address_of(links.better_us, *[int] * 11, float)
         constants.mark = address_of(links.mark, *[int] * 11)
     if constants.separation_m > 0.0:

@@ -30,7 +30,7 @@ from desim_uav.engine.compiled.scratch import NEEDS
 from desim_uav.engine.compiled.slots import tournaments
 from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of
-from desim_uav.engine.sky import Room, draw_curves, scene_of, sky_of
+from desim_uav.engine.sky import Room, complete, scene_of, sky_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.geometry.coverage import WalkLeg
@@ -130,7 +130,7 @@ class Fixed(Unchanging):
                     component = components[slot.key]
                     codes.append(compiled(slot.functions, component, self.services))
                     point_at(row, slot, codes[-1])
-        draw_curves(constants.scene)
+        complete(constants.scene)
         object.__setattr__(self, "at", int(self.block.ctypes.data))
         object.__setattr__(self, "_loaded", codes)  # the constants point at their values
 

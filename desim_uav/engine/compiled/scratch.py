@@ -1,7 +1,8 @@
 """Scratch: memory that means nothing between two calls, of which each thread has one.
 
 Rows list the tables of it (``Row.scratch``). A state knows how long they are and where they lie in
-scratch; each call of a kernel that needs them first says where the scratch of its thread is.
+scratch; each call of a kernel that needs them first says where the scratch of its thread is. The
+word before it says where the thread's memory of legs is (``engine.leg_memory``).
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import threading
 
 import numpy as np
 
+from desim_uav.engine.leg_memory import memory_of_legs
 from desim_uav.rowcode.compiled_rows import array_at, place_of
 from desim_uav.rowcode.kernels import rule
 from desim_uav.rowcode.packing import headers_of
@@ -53,11 +55,12 @@ def need(memory: Words) -> None:
 
 def scratch() -> int:
     """Return the address of the scratch of this thread, for the call of a kernel."""
-    if len(_own.blocks[-1]) < _OfThread.most:
-        block: Words = np.zeros(2 * _OfThread.most, np.int64)
+    if len(_own.blocks[-1]) <= _OfThread.most:
+        block: Words = np.zeros(1 + 2 * _OfThread.most, np.int64)
+        block[0] = memory_of_legs()
         # The smaller ones stay, because states may still have their addresses.
         _own.blocks.append(block)
-        _own.address = place(block)
+        _own.address = place(block) + 8
     return _own.address
 
 
@@ -75,4 +78,5 @@ def use_scratch(state: State, scratch: int) -> None:
         for header in HEADERS:
             words[header] += moved
         sky.scratch_at += moved
+    sky.leg_memory = words_at(scratch - 8, 1)[0]
     sky.from_us = sky.to_us = state.look.walked_us = -1

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.engine.sky import Room, draw_curves, enlarged, scene_of, sky_of
+from desim_uav.engine.leg_memory import memory_of_legs
+from desim_uav.engine.sky import Room, complete, enlarged, scene_of, sky_of
 from desim_uav.model.mobility.walks import Walks
 from desim_uav.model.radio.chances import compiled_chance
 from desim_uav.model.radio.levels import compiled_loss
@@ -16,6 +17,7 @@ from desim_uav.rowcode.views import in_memory
 from desim_uav.rules.rows import State
 from desim_uav.sky import links
 from desim_uav.sky.foresee import foresee_discs, foresee_rings
+from desim_uav.sky.leg_memory import recall_leg, remember_leg
 from desim_uav.sky.rows import Sky
 from desim_uav.sky.separation import least_m, meet
 from desim_uav.world import World
@@ -56,6 +58,8 @@ class Skies:
             setattr(
                 constants, name, self._with_room(getattr(links, name), state, self._for_changes)
             )
+        constants.recall_leg = self._with_room(recall_leg, state, self._for_changes)
+        constants.remember_leg = remember_leg
         constants.mark = self._with_room(links.mark, state, self._for_marks)
         for row, own in zip(constants.scene.radios, self.world.links, strict=True):
             if own.in_air:
@@ -66,7 +70,7 @@ class Skies:
                     chance = compiled_chance(own.radio.loss)
                     row.p_los = chance.p_los
                     self._kept.append(chance)
-        draw_curves(constants.scene)
+        complete(constants.scene)
 
     def _with_room(
         self, kernel: Any, state: Callable[[], Any], larger: Callable[[int], Room | None]
@@ -74,6 +78,7 @@ class Skies:
         """Return a kernel that is called again until its result asks for no ``larger`` room."""
 
         def call(scene: int, sky: int, *others: int) -> int:
+            state().sky.leg_memory = memory_of_legs()
             result: int = kernel(scene, sky, *others)
             while (room := larger(result)) is not None:
                 self._enlarge(state(), room)
@@ -97,5 +102,5 @@ class Skies:
         return room._replace(marks=max(2 * room.marks, lacking)) if lacking > 0 else None
 
 
-LISTS = (foresee_discs, foresee_rings, links.foresee_in_air)
+LISTS = (foresee_discs, foresee_rings, links.foresee_in_air, recall_leg)
 """The kernels that are given memory for the changes on one leg: its address, and its size."""

@@ -224,6 +224,8 @@ class Constants(Row):
     foresee: int
     foresee_in_air: int
     foresee_all: int
+    recall_leg: int
+    remember_leg: int
     better_us: int
     mark: int
     meet: int

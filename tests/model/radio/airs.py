@@ -6,7 +6,7 @@ from itertools import chain
 
 import numpy as np
 
-from desim_uav.engine.sky import draw_curves
+from desim_uav.engine.sky import complete
 from desim_uav.model.radio.curves import blank_curve
 from desim_uav.model.radio.functions import log10, slant_range_m
 from desim_uav.model.radio.levels import compiled_loss
@@ -129,7 +129,7 @@ def kept_curve(path_loss, height_m, reach_m):
     radio.carrier_ghz, curve = CARRIER_GHZ, blank_curve(height_m, reach_m)
     scene.radios, radio.curves = Table([radio]), Table([curve])
     scene = in_memory(scene)
-    draw_curves(scene)
+    complete(scene)
     drawn = scene.radios[0].curves[0]
     curve.error_db = drawn.error_db
     curve.cells[:], curve.slopes[:] = drawn.cells.array, drawn.slopes.array
