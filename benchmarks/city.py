@@ -1,12 +1,10 @@
 """How many steps per second the compiled engine makes over a city, and what the buildings take.
 
 Four drones hover, or fly over 1,000 users and about 2,000 buildings on 1 km², by random allowed
-actions, which are other ones in each round. Users stand (``static``) or walk. The same scenarios
-are measured with the mean loss in place of buildings. CPU time of one thread in the engine; medians
-of the rounds, of which each has a new world, in which no leg was flown before.
-
-If users stand, drones then fly on in the last of these worlds for so many ``--episodes`` in all, as
-a learner would. The engine remembers what it found on their legs.
+actions, which are drawn before the clock starts and are other ones in each round. Users stand
+(``static``) or walk. The same scenarios are measured with the mean loss in place of buildings. CPU
+time of one thread; medians of the rounds, of which each has a new world. Over users who stand,
+drones then fly so many ``--episodes`` in one world, in which the engine remembers their legs.
 """
 
 from __future__ import annotations
@@ -20,12 +18,14 @@ import numpy as np
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
+from desim_uav.engine.leg_memory import known_legs
 from desim_uav.model.rules import Action
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
 
-STEPS = 30
+STEPS, DRONES = 30, 4
+SIGHTS = ("buildings", "mean")
 
 
 def city(mobility: str, sight: str) -> World:
@@ -38,7 +38,7 @@ def city(mobility: str, sight: str) -> World:
             "buildings": {"kind": "itu", "alpha": 0.3, "beta": 2000, "gamma": 15},
         },
         "drones": {
-            "count": 4,
+            "count": DRONES,
             "battery": None,
             "radio": {
                 "kind": "link_classes",
@@ -58,7 +58,7 @@ def city(mobility: str, sight: str) -> World:
 
 def seconds_per_step(world: World, hover: bool, episode: int) -> float:
     """Return the CPU time of a step in an episode, whose number seeds the actions."""
-    player: Any = make_engine("batch", world, RunSettings((True,) * 4, False, False))
+    player: Any = make_engine("batch", world, RunSettings((True,) * DRONES, False, False))
     rng = np.random.default_rng(episode)
     shown = player.reset(draw(world, 1, episode))
     total, stay = 0.0, world.actions.index(Action.HOVER)
@@ -70,22 +70,33 @@ def seconds_per_step(world: World, hover: bool, episode: int) -> float:
     return total / STEPS
 
 
-def measure(mobility: str, hover: bool, rounds: int, episodes: int) -> None:
-    """Print the steps per second past buildings and with the mean loss."""
-    times: dict[str, list[float]] = {"buildings": [], "mean": []}
+def measure(mobility: str, hover: bool, rounds: int) -> None:
+    """Print the steps per second in the first episode of a world."""
+    times: dict[str, list[float]] = {sight: [] for sight in SIGHTS}
     for number in range(rounds + 1):
         for sight, of in times.items():
-            world = city(mobility, sight)
-            of.append(seconds_per_step(world, hover, number))
-            if number == rounds and mobility == "static" and not hover:
-                more = [seconds_per_step(world, hover, number + k) for k in range(1, episodes)]
-                mean = statistics.mean([of[-1], *more])
-                print(
-                    f"  flying, {sight}: {1.0 / mean:,.0f} steps/s in {episodes} episodes, ", end=""
-                )
-                print(f"{1.0 / statistics.mean(more[-10:]):,.0f} in the last ten")
-    rates = [1.0 / statistics.median(of[1:]) for of in times.values()]  # the first compiles
-    what = "hovering" if hover else "flying"
+            took = seconds_per_step(city(mobility, sight), hover, number)
+            if number:  # the first round compiles
+                of.append(took)
+    say("hovering" if hover else "flying", [statistics.median(of) for of in times.values()])
+
+
+def fly_on(episodes: int) -> None:
+    """Print the mean steps per second in many episodes of one world, in which users stand."""
+    times, known = [], []
+    for sight in SIGHTS:
+        world, before = city("static", sight), known_legs()
+        times.append([seconds_per_step(world, False, number) for number in range(episodes)])
+        known.append(known_legs() - before)
+    share = 1.0 - known[0] / (episodes * STEPS * DRONES)
+    say(f"flying, {episodes} episodes", [statistics.mean(of) for of in times])
+    say("flying, the last ten", [statistics.mean(of[-10:]) for of in times])
+    print(f"  past buildings, {share:.0%} of all legs were flown before")
+
+
+def say(what: str, seconds: list[float]) -> None:
+    """Print the steps per second past buildings and with the mean loss."""
+    rates = [1.0 / each for each in seconds]
     print(f"  {what}: {rates[0]:,.0f} steps/s past buildings, {rates[1]:,.0f} with the mean loss")
 
 
@@ -98,7 +109,9 @@ def main() -> None:
     for mobility in ("static", "random_walk"):
         print(f"{mobility}: {len(city(mobility, 'buildings').grid.city)} buildings")
         for hover in (True, False):
-            measure(mobility, hover, args.rounds, args.episodes)
+            measure(mobility, hover, args.rounds)
+        if mobility == "static":
+            fly_on(args.episodes)
 
 
 if __name__ == "__main__":

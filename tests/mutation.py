@@ -573,6 +573,13 @@ MUTATIONS = (
         ("engine/test_line_of_sight.py",),
     ),
     Mutation(
+        "a leg is recalled whatever the classes before it are",
+        "sky/leg_memory.py",
+        "            classes |= sky.held[first + k] << (CLASS_BITS * k)\n",
+        "            classes |= 0 * k\n",
+        ("engine/test_leg_memory.py",),
+    ),
+    Mutation(
         "shadowing makes links better",
         "model/radio/stretches.py",
         "        link.base_dbm -= mark.extra_db\n",

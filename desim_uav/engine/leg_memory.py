@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 
 from desim_uav.rowcode.rows import place
-from desim_uav.sky.leg_memory import new_memory
+from desim_uav.sky.leg_memory import COUNT, new_memory
 
 WORDS = 2**23
 """How long the memory of a thread is: 64 MiB, of which the system gives what is written to."""
@@ -29,3 +29,8 @@ _own = _OfThread()
 def memory_of_legs() -> int:
     """Return the address of the memory of this thread, for the call of a kernel."""
     return _own.address
+
+
+def known_legs() -> int:
+    """Return how many legs there are in the memory of this thread."""
+    return int(_own.memory[COUNT])

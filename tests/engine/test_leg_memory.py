@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.compiled import simulation
 from desim_uav.engine.des import Simulation, skies
+from desim_uav.model.mobility.mobility import Walks
 from desim_uav.rowcode.rows import Table, address, blank, place
 from desim_uav.rowcode.views import in_memory, zeros
 from desim_uav.sample_path import draw
@@ -315,6 +317,31 @@ def test_forks_go_on_in_other_threads() -> None:
 
 
 @pytest.mark.thorough
+def test_nothing_is_recalled_of_users_at_other_places() -> None:
+    """Users stand elsewhere in a sample path of one's own, some of them with the same classes."""
+    world = world_of("levels")
+    paths = [draw(world, 0, 0)] * 3
+    legs = paths[1].walks.legs.copy()
+    legs["x_m"] = np.clip(legs["x_m"] + 3.0, 0.0, 499.0)
+    paths[1] = replace(paths[1], walking=Walks(legs, paths[1].walks.offsets))
+    first = forgetful(world)
+    others = Simulation(world, settings_of(world)), batch(world), batch(world)
+    counts = counted(others[0])
+    expected, recalled = [], []
+    for path in paths:
+        first.carry(None)
+        first.reset(path)
+        expected.append(ends(first))
+        for engine in others:
+            engine.carry(None)
+            engine.reset(path)
+            assert ends(engine) == expected[-1]
+        recalled.append(sum(count >= 0 for count in counts))
+    assert expected[0] == expected[2] != expected[1]
+    assert recalled[0] == recalled[1] and recalled[2] - recalled[1] == len(counts) // 2
+
+
+@pytest.mark.thorough
 def test_worlds_take_turns_in_a_thread() -> None:
     worlds = [world_of("a3 over levels", seed) for seed in range(2)]
     expected = [flown(forgetful(world)) for world in worlds]
@@ -338,13 +365,12 @@ def test_a_small_memory_forgets(engine_of: Any, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(of_threads, "WORDS", LEGS_AT + 300)
     world = world_of("a3 over levels")
 
-    def flown_here() -> tuple[list[Any], Any]:
-        return flown(engine_of(world)), of_threads._own.memory
+    def flown_here() -> tuple[list[Any], int]:
+        return flown(engine_of(world)), of_threads.known_legs()
 
     with ThreadPoolExecutor(1) as pool:
-        shown, memory = pool.submit(flown_here).result()
-    assert shown == flown(forgetful(world))
-    assert len(memory) == LEGS_AT + 300 and 0 < memory[COUNT] < 20
+        shown, known = pool.submit(flown_here).result()
+    assert shown == flown(forgetful(world)) and 0 < known < 20
 
 
 @pytest.mark.thorough
