@@ -577,7 +577,7 @@ MUTATIONS = (
         "sky/leg_memory.py",
         "            classes |= sky.held[first + k] << (CLASS_BITS * k)\n",
         "            classes |= 0 * k\n",
-        ("engine/test_leg_memory.py",),
+        ("sky/test_leg_memory.py",),
     ),
     Mutation(
         "shadowing makes links better",

@@ -65,7 +65,7 @@ def flown(engine: Any, path: SamplePath, anew: bool = False) -> tuple[list[Any],
     shown = engine.reset(path)
     while not (shown.terminated or shown.truncated):
         if anew:
-            engine.state.look.still = 0
+            engine.state.look.still = engine.state.look.stand = 0
             for sender in engine.state.senders:
                 sender.steady = 0
         steady += sum(sender.steady for sender in engine.state.senders)
