@@ -100,7 +100,8 @@ class Table(list[T], Generic[T]):
     def __new__(cls, values: Iterable[T] = ()) -> Self:
         """Return a list of values or, if all indices are to be checked, a ``BoundedTable``."""
         if cls is Table:
-            return BoundedTable(values) if CHECKED else list(values)  # type: ignore[return-value]
+            # A BoundedTable is filled by ``__init__``, and values may be such as can be read once.
+            return super().__new__(BoundedTable) if CHECKED else list(values)  # type: ignore
         return super().__new__(cls)
 
 

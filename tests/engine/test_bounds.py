@@ -17,6 +17,7 @@ from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.learning.training import Training
 from desim_uav.model.demand import asking
 from desim_uav.model.mobility import walking
+from desim_uav.rowcode import rows
 from desim_uav.rowcode.bounds import CHECKED, OutsideError
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
@@ -217,3 +218,10 @@ def test_a_fault_can_be_pickled():
 
 def test_built_in_rules_are_checked_only_on_demand():
     assert CHECKED is (os.environ.get("DESIM_UAV_CHECK", "0") == "1")
+
+
+def test_a_table_is_filled_by_values_that_can_be_read_once(monkeypatch: pytest.MonkeyPatch):
+    for checked in (False, True):
+        monkeypatch.setattr(rows, "CHECKED", checked)
+        table = rows.Table(2 * k for k in range(3))
+        assert table == [0, 2, 4] and (type(table) is rows.BoundedTable) is checked
