@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpl_toolkits.mplot3d import Axes3D
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
+from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
@@ -35,11 +37,17 @@ MARKERS = {
 SIZES = {UserState.SERVED: 22, UserState.OPEN: 20, UserState.ATTACHED: 20, UserState.IDLE: 16}
 """The sizes of users by state, in square points, which differ enough for grey prints."""
 
-WIDTH, HEIGHT = 7.6, 5.2
-"""The size of the figure in inches, if its legend has at most ``ROWS`` rows."""
+WIDTH = 7.6
+"""The least width of the figure in inches."""
 
-ROWS, ROW = 3, 0.22
-"""The rows of the legend for which there is room, and the height that each further one adds."""
+BOX = (7.144, 4.94)
+"""The width and height of the axes in inches, on which the size of the map depends."""
+
+MARGIN, TITLE = 0.1, 0.3
+"""The space round the map and the legend, and that for the title, in inches."""
+
+FARTHEST = 20
+"""How often the label of an axis is moved away from its ticks, each time by two points."""
 
 UNIT = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 """The corners of a cell, in cells."""
@@ -65,9 +73,9 @@ def snapshot_figure(
     playback = Playback(run, episode)
     t_us = playback.duration_us
     t_us = t_us if minute is None else min(t_us, round(minute * 60 * US))
-    figure = Figure(figsize=(WIDTH, HEIGHT))
+    figure = Figure(figsize=BOX)
     figure.set_layout_engine("none")
-    axes = figure.add_axes((0.0, 0.1, 0.94, 0.95), projection="3d", computed_zorder=False)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
     world = run.map
     moment = playback.at(t_us)
@@ -83,20 +91,66 @@ def snapshot_figure(
     _draw_drones(axes, playback, moment)
     for artist in (*axes.lines, *axes.collections):
         artist.set_clip_on(False)  # the axes are narrower than the map that they show
-    figure.suptitle(
-        f"{run.name}, episode {episode}, minute {t_us / US / 60:g}", y=0.985, fontsize=9.5
-    )
-    legend = figure.legend(loc="lower center", ncols=3)
-    _make_room(figure, axes, -(-len(legend.get_texts()) // 3))
+    figure.suptitle(f"{run.name}, episode {episode}, minute {t_us / US / 60:g}", fontsize=9.5)
+    _lay_out(figure, axes)
     return figure
 
 
-def _make_room(figure: Figure, axes: Any, rows: int) -> None:
-    """Make a figure higher if its legend has many rows, and leave all else as it was."""
-    more = ROW * max(0, rows - ROWS)
-    height = HEIGHT + more
-    figure.set_size_inches(WIDTH, height)
-    axes.set_position((0.0, (0.1 * HEIGHT + more) / height, 0.94, 0.95 * HEIGHT / height))
+def _lay_out(figure: Figure, axes: Any) -> None:
+    """Stack title, map and legend; make the figure so large that none covers or leaves another.
+
+    The size of the map stays as it is, because labels of ticks reach differently far from it.
+    """
+    figure.draw_without_rendering()
+    _move_labels(figure, axes)
+    dots = figure.dpi_scale_trans.inverted()
+    around = _extent(axes).transformed(dots)
+    title = figure.texts[0].get_window_extent().transformed(dots)
+    most = max(WIDTH, around.width + 2 * MARGIN, title.width + 2 * MARGIN)
+    for columns in (3, 2, 1):
+        legend = figure.legend(loc="lower center", ncols=columns, borderaxespad=0.0)
+        size = legend.get_window_extent().transformed(dots)
+        if size.width + 2 * MARGIN <= most or columns == 1:
+            break
+        legend.remove()
+    width = max(most, size.width + 2 * MARGIN)
+    height = size.height + around.height + TITLE + 2 * MARGIN
+    left, bottom = (width - around.width) / 2 - around.x0, size.height + 2 * MARGIN - around.y0
+    figure.set_size_inches(width, height)
+    legend.set_bbox_to_anchor((0.5, MARGIN / height))
+    axes.set_position((left / width, bottom / height, BOX[0] / width, BOX[1] / height))
+    figure.texts[0].set_y(1.0 - MARGIN / height)
+
+
+def _move_labels(figure: Figure, axes: Any) -> None:
+    """Move the labels of the axes away from their ticks, until they cover no number."""
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        for _ in range(FARTHEST):
+            label = axis.label.get_window_extent()
+            if not label.count_overlaps([tick.get_window_extent() for tick in _numbers(axis)]):
+                break
+            axis.labelpad += 2
+            figure.draw_without_rendering()
+
+
+def _numbers(axis: Any) -> list[Text]:
+    """Return the labels of an axis' ticks that are drawn."""
+    return [tick.label1 for tick in axis.get_major_ticks() if tick.label1.get_text()]
+
+
+def _extent(axes: Any) -> Bbox:
+    """Return the pixels that the box of the axes, the lines, the ticks and the labels cover.
+
+    Whatever is drawn as a collection lies in the box.
+    """
+    limits = axes.get_xlim(), axes.get_ylim(), axes.get_zlim()
+    corners = np.array(list(product(*limits)))
+    x, y, _ = proj3d.proj_transform(*corners.T, axes.get_proj())
+    box = Bbox.null()
+    box.update_from_data_xy(axes.transData.transform(np.column_stack((x, y))))
+    drawn = [line.get_window_extent() for line in axes.lines]
+    scales = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    return Bbox.union([box, *drawn, *scales])
 
 
 def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
@@ -125,6 +179,9 @@ def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
     axes.set_zlabel("altitude, m\n(stretched)", labelpad=4)
     longest = max(width, depth)
     axes.set_box_aspect((width / longest, depth / longest, 0.22), zoom=1.2)
+    for axis, side in ((axes.xaxis, width), (axes.yaxis, depth)):
+        if side < 0.3 * longest:
+            axis.set_ticks([0, side])
     axes.set_zticks([0, *world["levels_m"]])
     axes.view_init(elev=36, azim=-60)
     axes.grid(visible=False)
