@@ -69,6 +69,74 @@ def test_streets_wind_and_types(page, city):
     page.picture("city-3d")
 
 
+EDGES = """
+const box = (id) => { const e = document.getElementById(id);
+    return e && !e.hidden ? e.getBoundingClientRect() : null; };
+const at = (k) => replay.where({what: "user", index: k}, arguments[0]);
+const { users } = replay.state(arguments[0]);
+const { metres, pixels } = replay.scale(arguments[0]);
+const [x, y] = [at(0).x - users[0].x_m * pixels / metres, at(0).y + users[0].y_m * pixels / metres];
+const canvas = box(arguments[0] ? "map-1" : "map");
+return { west: x, south: y, east: x + arguments[1] * pixels / metres,
+         north: y - arguments[2] * pixels / metres, canvas, legend: box("legend"),
+         toggle: box("legend-toggle"), zoom: box("zoom"), foot: replay.foot(arguments[0]) };
+"""
+
+
+def apart(box, other):
+    return (
+        box["right"] <= other["left"]
+        or other["right"] <= box["left"]
+        or box["bottom"] <= other["top"]
+        or other["bottom"] <= box["top"]
+    )
+
+
+def check_nothing_hides_the_map(page, run=0):
+    """No box covers the map or a part of its foot, and the parts lie beside each other."""
+    page.frames(2)
+    at = page.run(EDGES, run, *CITY["map"]["size_m"])
+    canvas, foot = at["canvas"], at["foot"]
+    assert canvas["left"] < at["west"] < at["east"] < canvas["right"]
+    assert canvas["top"] < at["north"] < at["south"] < foot["top"] < canvas["bottom"]
+    ground = {"left": at["west"], "right": at["east"], "top": at["north"], "bottom": at["south"]}
+    rows = 1 + max(part["row"] for part in foot["parts"])
+    high = (canvas["bottom"] - foot["top"]) / rows
+    tops = [foot["top"] + part["row"] * high for part in foot["parts"]]
+    places = [
+        {**part, "top": top, "bottom": top + high}
+        for part, top in zip(foot["parts"], tops, strict=True)
+    ]
+    boxes = [at[name] for name in ("legend", "toggle", "zoom") if at[name]]
+    assert all(apart(ground, box) for box in boxes)
+    for k, part in enumerate(places):
+        assert canvas["left"] < part["left"] < part["right"] < canvas["right"]
+        assert all(apart(part, other) for other in (*boxes, *places[:k]))
+    return len(places)
+
+
+@pytest.mark.parametrize("width", [360, 768, 1366, 1920])
+def test_nothing_hides_the_map(page, city, width):
+    """Also without the legend, and with a heat map, whose key phones have in a second row."""
+    page.open(city / "replay.html", size=(width, 768))
+    assert check_nothing_hides_the_map(page) == 2
+    if width >= 960:
+        page.key("l")
+        check_nothing_hides_the_map(page)
+    page.key("h")
+    assert check_nothing_hides_the_map(page) == 3
+    page.picture(f"wind-{width}")
+
+
+@pytest.mark.parametrize("width", [360, 1366])
+def test_nothing_hides_one_of_two_maps(page, city, tmp_path, width):
+    other = run_of(from_mapping(CITY), tmp_path / "other")
+    write_replay(city, tmp_path / "pair.html", beside=other)
+    page.open(tmp_path / "pair.html", size=(width, 768))
+    for run in (0, 1):
+        check_nothing_hides_the_map(page, run)
+
+
 def heat_of(page):
     heat = page.run("const h = replay.heat(); return h && { ...h, values: [...h.values] }")
     heat["values"] = np.array(heat["values"]).reshape(heat["ny"], heat["nx"])

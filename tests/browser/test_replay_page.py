@@ -736,7 +736,8 @@ class TestFollowing:
         page.frames(2)
         at = page.run("return replay.where({ what: 'drone', index: 1 })")
         box = page.run(RECTANGLE, "map")
-        return at["x"] - box["left"], at["y"] - box["top"] - box["height"] / 2
+        foot = page.run("return replay.foot().top")
+        return at["x"] - box["left"], at["y"] - (box["top"] + foot) / 2
 
     @pytest.mark.parametrize("tilted", [False, True], ids=["flat", "3d"])
     def test_keeps_the_drone_in_the_middle(self, page, runs, tilted):
@@ -848,7 +849,8 @@ class TestTwoRuns:
         for k, canvas in enumerate(("map", "map-1")):
             at = page.run("return replay.where({ what: 'drone', index: 2 }, arguments[0])", k)
             box = page.run(RECTANGLE, canvas)
-            middle = (box["left"] + box["width"] / 2, box["top"] + box["height"] / 2)
+            foot = page.run("return replay.foot(arguments[0]).top", k)
+            middle = (box["left"] + box["width"] / 2, (box["top"] + foot) / 2)
             assert (at["x"], at["y"]) == pytest.approx(middle, abs=1)
         page.key("v")
         page.frames(3)

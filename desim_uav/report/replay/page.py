@@ -45,6 +45,7 @@ MODULES = (
         "stations",
         "points",
         "scale",
+        "foot",
         "scene",
         "rows",
     ),

@@ -12,7 +12,7 @@ export class Camera {
     this.tilted = false;
     this.following = false; // then it may look beyond the edge of the map
     this.width = this.height = 1;
-    this.left = this.right = 0; // pixels that something else takes there
+    this.left = this.right = this.below = 0; // pixels that something else takes there
     this.reset();
   }
 
@@ -35,10 +35,18 @@ export class Camera {
     this.update();
   }
 
+  /** Leave some pixels below the map. */
+  standOn(below) {
+    this.below = below;
+    this.update();
+  }
+
   /** The middle of the picture, in pixels. */
-  get middle() { return [this.left + this.free / 2, this.height / 2]; }
+  get middle() { return [this.left + this.free / 2, this.high / 2]; }
 
   get free() { return Math.max(1, this.width - this.left - this.right); }
+
+  get high() { return Math.max(1, this.height - this.below); }
 
   /** Keep a point in the middle of the picture. */
   follow(x, y, z) {
@@ -85,11 +93,11 @@ export class Camera {
 
   update() {
     const { width, depth } = this.size;
-    const { free } = this;
-    const fit = Math.min((free - 2 * MARGIN) / width, (this.height - 2 * MARGIN) / depth);
+    const { free, high } = this;
+    const fit = Math.min((free - 2 * MARGIN) / width, (high - 2 * MARGIN) / depth);
     this.scale = Math.max(1e-6, fit) * this.zoom;
     const halfX = free / this.scale / 2;
-    const halfY = this.height / this.scale / 2;
+    const halfY = high / this.scale / 2;
     const room = MARGIN / this.scale;
     if (!this.tilted && !this.following) {
       this.x = clampMiddle(this.x, halfX - room, width);
@@ -107,9 +115,9 @@ export class Camera {
     const extentY = Math.abs(width * this.sinYaw) + Math.abs(depth * this.cosYaw);
     const heightSeen = extentY * this.sinPitch + this.tallest * this.lift * this.cosPitch;
     this.near = 1.05 * this.zoom
-      * Math.min(free / (extentX * 1.22), this.height / (heightSeen * 1.12));
+      * Math.min(free / (extentX * 1.22), high / (heightSeen * 1.12));
     [this.middleX, this.middleY] = this.middle;
-    this.stamp = [this.tilted, this.width, this.height, this.left, this.right, this.zoom, this.x, this.y, this.z,
+    this.stamp = [this.tilted, this.width, this.height, this.left, this.right, this.below, this.zoom, this.x, this.y, this.z,
       this.yaw, this.pitch].join();
   }
 

@@ -1,7 +1,6 @@
 // A heat map: the share of time in which each place was covered, or the users who waited there.
 
 import { ringsAt } from "./links.js";
-import { FONT } from "./palette.js";
 import { polygon } from "./view3d.js";
 import { FLYING, WAITING } from "./states.js";
 
@@ -9,7 +8,6 @@ const SAMPLES = 240; // instants of an episode
 const BINS = 64; // along the longer side of the map
 const MOST_OPAQUE = 0.75;
 const KEY_PX = 90;
-const LEFT_PX = 200;
 
 export const HEATS = [null, "covered", "waiting"];
 const at = [0, 0, 0];
@@ -104,25 +102,17 @@ export function heatWords({ name, most, side }) {
   return `waiting in ${Math.round(side)} x ${Math.round(side)} m, 0 to ${+most.toPrecision(2)} users`;
 }
 
-/** The key of the colours, on the right of the scale bar and of an open legend. */
-export function drawHeatKey(scene) {
-  const { ctx, camera, theme, heat } = scene;
-  const [left, y] = [Math.max(camera.left, LEFT_PX) + 14, camera.height - 20];
-  ctx.font = `500 11px ${FONT}`;
+/** The key of the colours, or null without a heat map. */
+export function heatPart({ ctx, theme, heat }) {
+  if (!heat) return null;
   const words = heatWords(heat);
-  ctx.globalAlpha = 0.85;
-  ctx.fillStyle = theme.paper;
-  ctx.beginPath();
-  ctx.roundRect(left - 8, y - 24, Math.max(KEY_PX, ctx.measureText(words).width) + 16, 36, 6);
-  ctx.fill();
-  for (let k = 0; k < KEY_PX; k += 1) {
-    ctx.globalAlpha = (MOST_OPAQUE * k) / KEY_PX;
-    ctx.fillStyle = colourOf(theme, heat.name);
-    ctx.fillRect(left + k, y - 2, 1, 8);
-  }
-  ctx.globalAlpha = 1;
-  ctx.fillStyle = theme.ink;
-  ctx.textAlign = "left";
-  ctx.textBaseline = "alphabetic";
-  ctx.fillText(words, left, y - 8);
+  const draw = (to, left, y) => {
+    to.fillText(words, left, y - 6);
+    to.fillStyle = colourOf(theme, heat.name);
+    for (let k = 0; k < KEY_PX; k += 1) {
+      to.globalAlpha = (MOST_OPAQUE * k) / KEY_PX;
+      to.fillRect(left + k, y - 2, 1, 8);
+    }
+  };
+  return { width: Math.max(KEY_PX, ctx.measureText(words).width), draw };
 }

@@ -24,12 +24,14 @@ export class Layout {
     this.changed();
   }
 
-  /** The pixels at the left and right of map k that the legend and the buttons cover. */
+  /** The pixels that the legend and the buttons cover: at the left and right of map k, and of its foot. */
   taken(k) {
-    if (window.innerWidth < WIDE || k > 0) return [0, 0];
-    const box = byId("legend");
-    const left = this.open.legend ? box.offsetLeft + box.offsetWidth : 0;
-    return [left, this.runs === 1 ? byId("zoom").offsetWidth + 12 : 0];
+    if (window.innerWidth < WIDE) return [0, 0, 0];
+    const buttons = byId("zoom").offsetWidth + 12;
+    const box = byId(this.open.legend ? "legend" : "legend-toggle");
+    const covers = k === 0 && (this.open.legend || this.runs === 1);
+    const left = covers ? box.offsetLeft + box.offsetWidth : 0;
+    return this.runs === 1 ? [left, buttons, buttons] : [left, 0, k === this.runs - 1 ? buttons : 0];
   }
 
   #apply() {

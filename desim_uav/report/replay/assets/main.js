@@ -11,6 +11,7 @@
 //   replay.select({what: "user" | "drone" | "station" | "request", index} or null)
 //   replay.where({what, index}, k)          its place on the map of run k (0), in pixels of the window
 //   replay.scale(k)                         the length of that map's scale bar, in metres and pixels
+//   replay.foot(k)                          what stands below that map: its top, and each part's place
 //   replay.draw()                           draw once, now
 //   replay.heat(k)                          the heat map of run k that is shown (key h), or null
 //   replay.picture()                        what is shown now, as the address (data:) of a PNG
@@ -271,6 +272,12 @@ function scripted(runs, player, scenes, ready, draw, show, picture) {
     scale: (k = 0) => {
       const { metres, pixels } = scaleOf(scenes[k].camera);
       return { metres, pixels };
+    },
+    foot: (k = 0) => {
+      const { canvas, camera, foot } = scenes[k];
+      const { left: x, bottom } = canvas.getBoundingClientRect();
+      const parts = foot.parts.map(({ left, row, width }) => ({ left: x + left, right: x + left + width, row }));
+      return { top: bottom - camera.below, parts };
     },
     draw,
     heat: (k = 0) => scenes[k].heat,

@@ -2,11 +2,11 @@
 
 import { buildingsOf, drawBuildings } from "./city.js";
 import { drawCrashes, drawDrones, drawPaths, nameFallen } from "./drones.js";
-import { drawHeat, drawHeatKey, heatOf } from "./heat.js";
+import { drawFoot, makeRoom } from "./foot.js";
+import { drawHeat, heatOf } from "./heat.js";
 import { ringsAt, typeOf } from "./links.js";
 import { droneColour, FONT } from "./palette.js";
 import { drawPoints } from "./points.js";
-import { drawScale, drawWind } from "./scale.js";
 import { FLYING, RETURNING } from "./states.js";
 import { drawStations } from "./stations.js";
 import { drawLinks, drawUsers, drawWalk, MANY_USERS } from "./users.js";
@@ -39,6 +39,7 @@ export class Scene {
     this.hover = null;
     this.followed = -1; // the drone that stays in the middle
     this.ratio = 1;
+    this.covered = 0; // pixels at the right of the foot
     this.buildings = buildingsOf(run);
     this.heat = null;
   }
@@ -55,12 +56,14 @@ export class Scene {
     this.layers = {};
   }
 
-  /** Fit the canvas to its box, some pixels of which are covered at the left and right. */
-  resize(left = 0, right = 0) {
+  /** Fit the canvas to its box, some pixels of which are covered: at the left and right of the map, and
+   * at the right of its foot. */
+  resize(left = 0, right = 0, covered = right) {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     this.ratio = Math.min(3, window.devicePixelRatio || 1);
     this.canvas.width = Math.round(width * this.ratio);
     this.canvas.height = Math.round(height * this.ratio);
+    this.covered = covered;
     this.camera.resize(width, height, left, right);
     this.sprites.clear();
     this.layers = {};
@@ -69,10 +72,11 @@ export class Scene {
   draw(state) {
     const { ctx, camera } = this;
     this.state = state;
+    ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    makeRoom(this);
     if (this.followed >= 0) camera.follow(...state.episode.dronePlace(this.followed, state.tUs, place));
     this.#locate();
     this.#drawLayer("ground", (layer) => this.#drawGround(layer));
-    ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     ctx.lineJoin = ctx.lineCap = "round";
     this.#drawFootprints();
     drawPaths(this);
@@ -88,10 +92,7 @@ export class Scene {
     drawDrones(this);
     nameFallen(this);
     this.#drawRing();
-    drawScale(this);
-    drawWind(this);
-    this.#nameSource();
-    if (this.heat) drawHeatKey(this);
+    drawFoot(this);
   }
 
   /** Move the map so that the chosen thing is visible. */
@@ -100,12 +101,13 @@ export class Scene {
     if (!what || !state || camera.tilted || this.followed >= 0) return;
     this.#locate();
     const { px, py } = this.whereIs(what);
-    if (px > camera.left && py > 0 && px < camera.width && py < camera.height) return;
+    if (px > camera.left && py > 0 && px < camera.width && py < camera.height - camera.below) return;
     camera.pan(camera.middleX - px, camera.middleY - py);
   }
 
   /** The drone, user or station next to a point of the picture, or null if there is none. */
   nearest(px, py, reach = 16) {
+    if (py > this.camera.height - this.camera.below) return null;
     let best = null;
     let nearest = reach * reach;
     const consider = (what, index, x, y, ease) => {
@@ -198,17 +200,6 @@ export class Scene {
     (camera.tilted ? drawTiltedGround : drawFlatGround)(ctx, run, camera, theme);
     if (this.heat) drawHeat(ctx, this.heat, camera, theme);
     drawZones(ctx, run, camera, theme);
-  }
-
-  /** Whose data the buildings are. */
-  #nameSource() {
-    const { ctx, camera, theme, run } = this;
-    if (!run.map.attribution) return;
-    ctx.font = `10px ${FONT}`;
-    ctx.textAlign = "right";
-    ctx.textBaseline = "alphabetic";
-    ctx.fillStyle = theme.muted;
-    ctx.fillText(run.map.attribution, camera.width - camera.right - 8, camera.height - 5);
   }
 
   #drawFootprints() {
