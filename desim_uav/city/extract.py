@@ -100,7 +100,7 @@ def ring_of(where: str, places: object) -> Ring:
     """
     try:
         ring = np.array(places, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         ring = np.zeros(0)
     if ring.ndim != 2 or ring.shape[1] < 2 or not np.isfinite(ring).all():
         raise ValueError(f"{where}: a ring is a list of places [longitude, latitude]")

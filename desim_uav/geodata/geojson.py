@@ -7,6 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
+from desim_uav.errors import in_short
+
+MOST_DIGITS = 300
+"""A whole number with more of them may be beyond the largest floating-point number."""
+
 
 class Feature(NamedTuple):
     """The name of a feature in messages, its geometry, and its properties as texts."""
@@ -34,8 +39,14 @@ def _parsed(file: Path, content: bytes) -> dict[str, Any]:
     def refuse(name: str) -> NoReturn:
         raise ValueError(f"{file}: {name} is no number of JSON")
 
+    def whole(text: str) -> int:
+        if len(text) > MOST_DIGITS:
+            raise ValueError(f"{file}: {in_short(text, 20)} is too large a number")
+        return int(text)
+
     try:
-        data = json.loads(content.decode("utf-8-sig"), parse_constant=refuse)
+        text = content.decode("utf-8-sig")
+        data = json.loads(text, parse_constant=refuse, parse_int=whole)
     except UnicodeDecodeError as error:
         raise ValueError(f"{file}: it is not UTF-8 text") from error
     except json.JSONDecodeError as error:

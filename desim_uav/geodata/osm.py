@@ -76,12 +76,18 @@ class _Reader(XmlReader):
 
     def _node(self, attributes: Mapping[str, str]) -> None:
         name = self.text("node", attributes, "id")
+        texts = attributes.get("lon", ""), attributes.get("lat", "")
+        gone = attributes.get("action") == "delete" or attributes.get("visible") == "false"
+        if gone and "" in texts:
+            return
         try:
-            self.nodes[name] = float(attributes["lon"]), float(attributes["lat"])
-        except (KeyError, ValueError) as error:
-            if attributes.get("action") == "delete" or attributes.get("visible") == "false":
-                return
+            lon, lat = map(float, texts)
+        except ValueError as error:
             raise self.error(f"node {in_short(name)}: lon and lat must be numbers") from error
+        if not (abs(lon) <= 180.0 and abs(lat) <= 90.0):
+            place = ", ".join(map(in_short, texts))
+            raise self.error(f"node {in_short(name)}: ({place}) is no longitude and latitude")
+        self.nodes[name] = lon, lat
 
     def _way(self, attributes: Mapping[str, str]) -> None:
         self.way = self.ways[self.text("way", attributes, "id")] = Way([], {})

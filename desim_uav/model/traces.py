@@ -11,11 +11,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+from desim_uav.errors import in_short
 from desim_uav.rowcode.regular_file import content_of
 
 MAX_BYTES = 256 * 2**20
 
 
+T = TypeVar("T")
 N = TypeVar("N", int, float)
 
 LARGEST = 10**9
@@ -24,12 +26,24 @@ LARGEST = 10**9
 
 def index(text: str) -> int:
     """Parse a whole number from 0 to ``LARGEST``."""
-    return _bounded(int(text))
+    try:
+        number = int(text)
+    except ValueError:
+        raise ValueError("must be a whole number") from None
+    return _bounded(number)
+
+
+def number_of(text: str) -> float:
+    """Parse a number, which may be infinite or none. Raises ValueError for other texts."""
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError("must be a number") from None
 
 
 def quantity(text: str) -> float:
     """Parse a number from 0 to ``LARGEST``."""
-    number = float(text)
+    number = number_of(text)
     if not math.isfinite(number):
         raise ValueError("must be a finite number, at least 0")
     return _bounded(number)
@@ -37,7 +51,7 @@ def quantity(text: str) -> float:
 
 def coordinate(text: str) -> float:
     """Parse a number from -``LARGEST`` to ``LARGEST``."""
-    number = float(text)
+    number = number_of(text)
     if not abs(number) <= LARGEST:
         raise ValueError(f"must be a finite number from {-LARGEST:,} to {LARGEST:,}")
     return number
@@ -49,6 +63,14 @@ def _bounded(number: N) -> N:
     if number > LARGEST:
         raise ValueError(f"must be at most {LARGEST:,}")
     return number
+
+
+def parsed(name: str, text: str, parse: Callable[[str], T]) -> T:
+    """Return the value of a text. Raises ValueError with the name and the text."""
+    try:
+        return parse(text)
+    except ValueError as error:
+        raise ValueError(f"{name}: {in_short(repr(text))}: {error}") from error
 
 
 Parsers = Mapping[str, Callable[[str], Any]]
@@ -99,11 +121,11 @@ def _read_table(
         text = bytes_of(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: it is not UTF-8 text") from error
+    reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
     try:
-        reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
         return _rows(path, reader, columns, optional)
     except csv.Error as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(f"{path}:{reader.reader.line_num}: it is not CSV: {error}") from error
 
 
 def _rows(
@@ -116,14 +138,11 @@ def _rows(
     parsers = (*columns, *((name, _if_any(parse)) for name, parse in optional))
     rows = []
     for row in reader:
-        values = []
-        for name, parse in parsers:
-            try:
-                values.append(parse((row.get(name) or "").strip()))
-            except ValueError as error:
-                raise ValueError(
-                    f"{path}:{reader.line_num}: {name}: {row[name]!r}: {error}"
-                ) from error
+        texts = {name: (row.get(name) or "").strip() for name, _ in parsers}
+        try:
+            values = [parsed(name, texts[name], parse) for name, parse in parsers]
+        except ValueError as error:
+            raise ValueError(f"{path}:{reader.line_num}: {error}") from error
         rows.append((*values, reader.line_num))
     return rows
 

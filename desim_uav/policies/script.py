@@ -12,7 +12,7 @@ from desim_uav.errors import PolicyError, did_you_mean, notice
 from desim_uav.model.random.streams import Streams
 from desim_uav.model.rules import Action, fastest_of
 from desim_uav.model.state import Observation
-from desim_uav.model.traces import index, read_table
+from desim_uav.model.traces import index, number_of, read_table
 from desim_uav.registry import register
 from desim_uav.world import World
 
@@ -101,7 +101,7 @@ def _action(text: str) -> str:
 
 def _share(text: str) -> float:
     """Parse a number from -1 to 1."""
-    number = float(text)
+    number = number_of(text)
     if not -1.0 <= number <= 1.0:
         raise ValueError("must be from -1 to 1")
     return number

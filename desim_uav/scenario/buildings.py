@@ -75,9 +75,9 @@ def _buildings(value: object, info: ValidationInfo) -> Any:
     if not isinstance(value, Mapping):
         raise ValueError("must be a mapping with a file, or with kind: itu; or null for none")
     keys = dict(value)
-    if "kind" in keys or "file" not in keys:
+    if "kind" in keys or ("file" not in keys and not {"alpha", "beta", "gamma"}.isdisjoint(keys)):
         return strictly(BuildingsOfItu, {"kind": "itu", **keys})
-    if isinstance(keys["file"], str):
+    if isinstance(keys.get("file"), str):
         keys["file"] = _absolute(keys["file"], (info.context or {}).get("base"))
     return strictly(BuildingsOfFile, keys)
 

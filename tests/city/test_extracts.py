@@ -249,6 +249,7 @@ DOCTYPE = '<!DOCTYPE x [<!ENTITY e "y">]>'
         ("a.geojson", '{"type": "FeatureCollection", "features": []}', "it has no buildings"),
         ("a.geojson", "[" * 100_000, "nested too deeply|it is not JSON"),
         ("a.osm", f"{DOCTYPE}<osm/>", "a.osm:1: a document type or entity is not allowed"),
+        ("a.geojson", '{"type": ' + "9" * 5000 + "}", "9999999999999999999… is too large"),
         ("a.osm", "<gpx/>", "<gpx>: expected <osm>"),
         ("a.osm", "<osm><way>", "a.osm:1: <way> has no attribute 'id'"),
         ("a.osm", "<osm>", "a.osm:1: it is not well-formed XML"),
@@ -267,8 +268,9 @@ def test_malformed_files_are_refused_with_the_element(
     (tmp_path / name).write_text(text)
     with pytest.raises(ValueError, match=problem):
         read_extract(tmp_path / name)
-    with pytest.raises(ScenarioError, match=f"map.buildings.file.*{name}"):
-        from_mapping({"map": {"buildings": {"file": name}}}, base=tmp_path)
+    with pytest.raises(ScenarioError, match=f"map.buildings.file.*{name}") as refused:
+        from_mapping({"map": {"buildings": {"file": name, "origin": [0, 0]}}}, base=tmp_path)
+    assert len(refused.value.problems) == 1
 
 
 @pytest.mark.parametrize(
@@ -279,6 +281,7 @@ def test_malformed_files_are_refused_with_the_element(
         ([[0, 0], [500, 0], [500, 9], [0, 0]], r"feature 1: \(500, 0\) is no longitude"),
         ([[179.9, 0], [-179.9, 0], [-179.9, 0.1], [179.9, 0]], "feature 1: it spans more than 1"),
         ([["a", 0], [1, 0], [1, 1], ["a", 0]], "feature 1: a ring is a list of places"),
+        ([[10**250, 0], [1, 0], [1, 1], [10**250, 0]], "no longitude and latitude"),
         (7, "feature 1: a ring is a list of places"),
     ],
 )

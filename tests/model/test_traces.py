@@ -39,7 +39,11 @@ def test_a_file_that_has_changed_is_read_again(tmp_path: Path):
     [
         (b"user\n1\n", ":1: no column 't_s'; expected the columns user, t_s"),
         (b"user,t_s\n1,\xff\n", ": it is not UTF-8 text"),
-        (b'user,t_s\n1,"2"3\n', ": ',' expected after '\"'"),
+        (b'user,t_s\n1,"2"3\n', ":2: it is not CSV: ',' expected after '\"'"),
+        (b"user,t_s\n1,soon\n", ":2: t_s: 'soon': must be a number"),
+        (b"user,t_s\n1.5,0\n", ":2: user: '1.5': must be a whole number"),
+        (b"user,t_s\n" + b"9" * 5000 + b",0\n", "…: must be a whole number"),
+        (b"user,t_s\n1\n", ":2: t_s: '': must be a number"),
         (b"user,t_s\n-1,0\n", ":2: user"),
         (b"user,t_s\n1,nan\n", ":2: t_s"),
         (b"user,t_s\n1,1e300\n", ":2: t_s: '1e300': must be at most 1,000,000,000"),

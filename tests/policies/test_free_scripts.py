@@ -131,9 +131,9 @@ XY = "step,drone,action,aim_x,aim_y"
         (XY, "0,0,fly,nan,0", "aim_x: 'nan': must be from -1 to 1"),
         (XY, "0,0,fly,0,-inf", "aim_y: '-inf': must be from -1 to 1"),
         (XY, "0,0,fly,1e999,0", "aim_x: '1e999': must be from -1 to 1"),
-        (XY, "0,0,hover,east,0", "aim_x: 'east': could not convert"),
+        (XY, "0,0,hover,east,0", "aim_x: 'east': must be a number"),
         (XY, "0,0,fli,0,0", "action: 'fli': not an action (did you mean 'fly'?)"),
-        (f"{XY},aim_charge", "0,0,fly,0,0,yes", "aim_charge: 'yes': could not convert"),
+        (f"{XY},aim_charge", "0,0,fly,0,0,yes", "aim_charge: 'yes': must be a number"),
         (f"{XY},aim_cruise", "0,0,fly,0,0,8.3", "aim_cruise: '8.3': must be from -1 to 1"),
     ],
 )

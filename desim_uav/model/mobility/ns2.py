@@ -13,7 +13,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from desim_uav.model.traces import Version, bytes_of, coordinate, index, quantity, version_of
+from desim_uav.model.traces import (
+    LARGEST,
+    Version,
+    bytes_of,
+    coordinate,
+    index,
+    parsed,
+    quantity,
+    version_of,
+)
 
 _NODE = r"\$node_\((\S+?)\)"
 _PLACE = re.compile(rf"{_NODE}\s+set\s+([XYZ])_\s+(\S+)$")
@@ -76,15 +85,16 @@ def read_ns2(path: Path) -> list[Node]:
 def _read_line(text: str, number: int, courses: dict[int, _Course]) -> None:
     place, move = _PLACE.match(text), _MOVE.match(text)
     if place:
-        course = courses.setdefault(index(place[1]), _Course())
+        course = courses.setdefault(parsed("$node_", place[1], index), _Course())
         if course.points:
             raise ValueError("a node's first place must be given before it moves")
-        course.start[place[2]] = coordinate(place[3]), number
+        course.start[place[2]] = parsed(f"{place[2]}_", place[3], coordinate), number
     elif move:
-        node = index(move[2])
+        node, t_s = parsed("$node_", move[2], index), parsed("at", move[1], quantity)
         course = courses.setdefault(node, _Course())
-        target = coordinate(move[3]), coordinate(move[4])
-        _set_out(node, course, quantity(move[1]), target, quantity(move[5]), number)
+        target = parsed("X", move[3], coordinate), parsed("Y", move[4], coordinate)
+        speed_mps = parsed("SPEED", move[5], quantity)
+        _set_out(node, course, t_s, target, speed_mps, number)
     elif _ANY_MOVE.match(text):
         raise ValueError(f'{text!r}: expected $ns_ at T "$node_(N) setdest X Y SPEED"')
 
@@ -123,4 +133,8 @@ def _set_out(
         course.points.append(Node(node, t_s, x_m, y_m, line))
     far_m = math.hypot(target[0] - x_m, target[1] - y_m)
     if speed_mps > 0.0 and far_m > 0.0:
+        if far_m > speed_mps * (LARGEST - t_s):
+            raise ValueError(
+                f"SPEED: {speed_mps:g}: too slow, node {node} would arrive after {LARGEST:,} s"
+            )
         course.points.append(Node(node, t_s + far_m / speed_mps, *target, line))

@@ -49,15 +49,16 @@ def _ways(file: Path, driving: bool, origin: Point | None, version: Version) -> 
     content = bytes_of(file)
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
     if start.startswith(b"<") and b"<osm" not in start[:2000]:
+        net = read_net(file, driving)
         if origin is not None:
             raise ValueError(f"{file}: origin: a network of SUMO is in metres; it has no origin")
-        return read_net(file, driving)
+        return net
+    lines = list(_of_osm(file, content) if start.startswith(b"<") else _of_geojson(file, content))
     if origin is None:
         raise ValueError(
             f"{file}: its places are longitudes and latitudes; write origin: [longitude, "
             "latitude], the south-western corner of the map"
         )
-    lines = _of_osm(file, content) if start.startswith(b"<") else _of_geojson(file, content)
     return list(_open_to(lines, driving, Projection(*origin)))
 
 
@@ -97,7 +98,7 @@ def _of_geojson(file: Path, content: bytes) -> Iterator[Line]:
 def _line(name: str, places: Any) -> list[Point]:
     try:
         line = np.array([place[:2] for place in places], np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         line = np.zeros(0)
     if line.ndim != 2 or line.shape[1] != 2 or not np.isfinite(line).all():
         raise ValueError(f"{name}: a line is a list of places [longitude, latitude]")

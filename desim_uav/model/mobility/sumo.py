@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from desim_uav.geodata.xml_reader import XmlReader
-from desim_uav.model.traces import Version, bytes_of, coordinate, quantity, version_of
+from desim_uav.model.traces import Version, bytes_of, coordinate, parsed, quantity, version_of
 
 ROOT, STEP, MOVERS, FREIGHT = "fcd-export", "timestep", ("vehicle", "person"), "container"
 
@@ -109,6 +109,6 @@ class _Reader(XmlReader):
     ) -> float:
         text = self.text(tag, attributes, name)
         try:
-            return parse(text)
+            return parsed(name, text, parse)
         except ValueError as error:
-            raise self.error(f"{name}: {text!r}: {error}") from error
+            raise self.error(str(error)) from error

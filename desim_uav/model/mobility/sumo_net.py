@@ -11,7 +11,7 @@ from pathlib import Path
 
 from desim_uav.geodata.xml_reader import XmlReader
 from desim_uav.model.mobility.street_graph import Point, StreetWay
-from desim_uav.model.traces import bytes_of, coordinate
+from desim_uav.model.traces import bytes_of, coordinate, parsed
 
 ROOT = "net"
 
@@ -92,6 +92,6 @@ class _Reader(XmlReader):
 
     def _point(self, x: str, y: str) -> Point:
         try:
-            return coordinate(x), coordinate(y)
+            return parsed("x", x, coordinate), parsed("y", y, coordinate)
         except ValueError as error:
-            raise self.error(f"({x}, {y}): {error}") from error
+            raise self.error(str(error)) from error

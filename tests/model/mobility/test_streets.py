@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -212,7 +213,7 @@ def test_the_largest_part_is_kept():
         ('<!DOCTYPE a SYSTEM "/etc/passwd"><net/>', ":1: a document type or entity is not allowed"),
         ("<nets/>", ":1: <nets>: expected <net>"),
         ('<net>\n<edge id="1" from="a" to="b"/></net>', ":2: there is no junction 'a'"),
-        ('<net><junction id="1" type="x" x="1e99" y="0"/></net>', ":1: (1e99, 0): must be"),
+        ('<net><junction id="1" type="x" x="1e99" y="0"/></net>', ":1: x: '1e99': must be"),
         ("<net/>", ": there are no streets for walking"),
     ],
 )
@@ -222,6 +223,52 @@ def test_files_that_are_wrong(tmp_path: Path, text: str, problem: str):
     with pytest.raises(ValueError) as error:
         Streets(file)
     assert str(error.value).startswith(f"{file}{problem}")
+
+
+def line_of(place: object) -> str:
+    """A GeoJSON file with a street to a place."""
+    street = {"type": "LineString", "coordinates": [[0, 0], place]}
+    return json.dumps({"type": "Feature", "geometry": street, "properties": {}})
+
+
+@pytest.mark.parametrize("origin", [None, (0.0, 0.0)])
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("{", ":1:2: it is not JSON"),
+        (line_of([0, 91]), ": feature 0: its places are no longitudes and latitudes"),
+        (line_of(["a", 1]), ": feature 0: a line is a list of places"),
+        (line_of([10**250, 1]), ": feature 0: its places are no longitudes and latitudes"),
+        (line_of([0, 1]).replace("[0, 1]", "[0, " + "9" * 5000 + "]"), ": 9999999999999999999…"),
+        ("<osm>", ":1: it is not well-formed XML"),
+        ('<osm><node id="3" lon="inf" lat="1"/></osm>', ":1: node 3: (inf, 1) is no longitude"),
+        ("<net>", ":1: it is not well-formed XML"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_told_before_what_its_origin_is(
+    tmp_path: Path, text: str, problem: str, origin: tuple[float, float] | None
+):
+    file = tmp_path / "a.file"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError) as error:
+        Streets(file, origin=origin)
+    assert str(error.value).startswith(f"{file}{problem}")
+
+
+@pytest.mark.parametrize(
+    ("text", "origin", "problem"),
+    [
+        (line_of([0, 1]), None, "write origin: [longitude, latitude]"),
+        ("<net/>", (0.0, 0.0), "origin: a network of SUMO is in metres"),
+    ],
+)
+def test_an_origin_for_degrees_only(
+    tmp_path: Path, text: str, origin: tuple[float, float] | None, problem: str
+):
+    file = tmp_path / "a.file"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=re.escape(problem)):
+        Streets(file, origin=origin)
 
 
 def test_streets_off_the_map(tmp_path: Path):

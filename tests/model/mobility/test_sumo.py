@@ -109,7 +109,7 @@ def step(inner: str, time: str = "0") -> str:
             '<!-- <configuration>\n<fcd-output.geo value="true"/> -->\n' + step(""),
             ":1: its positions are longitudes and latitudes in degrees (SUMO's option",
         ),
-        (step("", "00:00:07"), ":2: time: '00:00:07': could not convert"),
+        (step("", "00:00:07"), ":2: time: '00:00:07': must be a number"),
         (
             '<fcd-export><vehicle id="a" x="1" y="1"/></fcd-export>',
             ":1: <vehicle>: expected within <timestep>",
