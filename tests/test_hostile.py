@@ -483,7 +483,7 @@ BROKEN: list[tuple[str, str, Callable[[bytes], bytes], str]] = [
     ("a pickle", "requests.parquet", lambda c: pickle.dumps(Trap()), "not a readable Parquet"),
     ("no JSON", "manifest.json", lambda c: b"{", "not a readable JSON file"),
     ("JSON of nothing", "manifest.json", lambda c: b"null", "not the manifest of a run"),
-    ("no seed", "manifest.json", lambda c: c.replace(b'"seed"', b'"sede"'), "seed: Field required"),
+    ("no seed", "manifest.json", lambda c: c.replace(b'"seed"', b'"sede"'), "seed: missing"),
     ("deep", "manifest.json", lambda c: b"[" * 100_000, "not a readable JSON file"),
     ("no UTF-8", "manifest.json", lambda c: b"\xff" + c, "not a readable JSON file"),
 ]
@@ -585,7 +585,8 @@ WORDS: list[tuple[str, int, str]] = [
     ("schema case8", 2, "unexpected extra argument"),
     ("run", 2, "Missing argument"),
     ("run tiny --episodes 0", 2, "--episodes"),
-    ("run tiny --episodes 1e3", 2, "--episodes"),
+    ("run tiny --episodes 1e3", 2, "'1e3' is not a whole number from 1 to 1000000"),
+    ("plot map nothing --minute soon", 2, "'soon' is not a number from 0 to"),
     ("run tiny --seed -1", 2, "--seed"),
     ("run tiny --engine simpy", 2, "allowed: auto, des, batch"),
     ("run tiny --policy basline", 4, "did you mean 'baseline'?"),

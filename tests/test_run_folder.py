@@ -621,15 +621,15 @@ class TestReadBack:
             (b"{", "not a readable JSON file"),
             (b"\xff\xfe", "not a readable JSON file: 'utf-8'"),
             (b"[" * 100_000, "not a readable JSON file"),
-            (b"[]", "not the manifest of a run: Input should be a valid dictionary"),
-            (b"{}", "not the manifest of a run: scenario: Field required"),
+            (b"[]", "not the manifest of a run: must be an object"),
+            (b"{}", "not the manifest of a run: scenario: missing"),
             (
                 b'{"scenario": "a", "policy": "b"}',
-                "not the manifest of a run: seed: Field required",
+                "not the manifest of a run: seed: missing",
             ),
             (
                 b'{"scenario": "a", "policy": "b", "seed": NaN}',
-                "not the manifest of a run: seed: Input should be a valid integer",
+                "not the manifest of a run: seed: must be a whole number",
             ),
         ],
     )

@@ -100,6 +100,7 @@ def parameter_of(verb: Verb, name: str, optional: bool = False) -> inspect.Param
         metavar=look.metavar or ("N" if kind in (int, float, int | None, float | None) else None),
         help=helps(verb).get(name),  # without docstrings (python -OO), there is none
         callback=_check(marks_of(hint), flags[-1]),
+        parser=_parser(kind, marks_of(hint)),
         autocompletion=look.complete,
         rich_help_panel=look.heading,
     )
@@ -155,6 +156,23 @@ def value_of(verb: Verb, name: str, text: Any) -> Any:
     if text is not None and look_of(verb.__name__, name).commas:
         return text.split(",")
     return text
+
+
+def _parser(kind: Any, marks: Sequence[Within | OfTexts]) -> Callable[[Any], Any] | None:
+    """Return what reads a number that was typed, or None for other kinds."""
+    number = next((each for each in (int, float) if each in _alternatives(kind)), None)
+    if number is None:
+        return None
+    own = next((mark.words for mark in marks if isinstance(mark, Within)), None)
+    words = own or ("a whole number" if number is int else "a number")
+
+    def parse(text: Any) -> Any:
+        try:
+            return number(text)
+        except ValueError:
+            raise typer.BadParameter(f"{text!r} is not {words}") from None
+
+    return parse
 
 
 def _check(marks: Sequence[Within | OfTexts], flag: str) -> Callable[[Any], Any] | None:

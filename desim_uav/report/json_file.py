@@ -11,9 +11,14 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError
 from desim_uav.rowcode.regular_file import text_of
+from desim_uav.scenario.messages import message_of
 
 MOST_BYTES = 2**28
 """The largest JSON file of a run folder that is read; a world of a million users has 60 MB."""
+
+
+_WORDS = {"missing": "missing"} | dict.fromkeys(("model_type", "dict_type"), "must be an object")
+"""What is wrong, by the kind of error, where files of JSON have other words than scenarios."""
 
 
 class Form(BaseModel):
@@ -38,8 +43,8 @@ def read_json(file: Path, form: type[Form], what: str) -> dict[str, Any]:
     try:
         form.model_validate(content)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
+        first = error.errors(include_url=False)[0]
         where = "".join(f"{part}: " for part in (".".join(map(str, first["loc"])),) if part)
-        problem = first["msg"].removeprefix("Value error, ")
+        problem = _WORDS.get(first["type"]) or message_of(first)
         raise PolicyError(f"{file}: not {what}: {where}{problem}") from error
     return dict(content)

@@ -67,7 +67,7 @@ def _complaint(
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         return _missing(path, details)
     part = _known_part(path, draft)
-    return Complaint(part, _message(detail), part)
+    return Complaint(part, message_of(detail), part)
 
 
 def _unknown_key(path: KeyPath, draft: ScenarioDraft) -> Complaint:
@@ -208,7 +208,8 @@ _WORDS: dict[str, Words] = {
 }
 
 
-def _message(detail: ErrorDetails) -> str:
+def message_of(detail: ErrorDetails) -> str:
+    """Return in this project's words what is wrong with a value."""
     words = _WORDS.get(detail["type"])
     return words(detail.get("ctx", {}), detail["input"]) if words else detail["msg"]
 

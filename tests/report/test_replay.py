@@ -631,28 +631,28 @@ class TestRefused:
     @pytest.mark.parametrize(
         ("key", "value", "problem"),
         [
-            ("size_m", [0, 2400], "size_m.0: Input should be greater than 0"),
-            ("size_m", "<b>", "size_m: Input should be a valid list"),
-            ("cells", [10], "cells: List should have at least 2 items"),
+            ("size_m", [0, 2400], "size_m.0: must be above 0"),
+            ("size_m", "<b>", "size_m: must be a list"),
+            ("cells", [10], "cells: must have at least 2 items"),
             ("cells", [10, 11], "but scenario.yaml has"),
             ("cell_height_m", [[1]], "cell_height_m: must be 10 lists of 10 heights"),
             (
                 "cell_height_m",
                 [["<b>"] * 10] * 10,
-                "cell_height_m.0.0: Input should be a valid num",
+                "cell_height_m.0.0: must be a number",
             ),
             ("stations", [[10, 0]], "stations: must be cells .ix, iy. below .10, 10."),
-            ("stations", [[1.5, 0]], "stations.0.0: Input should be a valid integer"),
-            ("clusters", [{"x_m": 1, "y_m": 2}], "clusters.0.radius_m: Field required"),
+            ("stations", [[1.5, 0]], "stations.0.0: must be a whole number"),
+            ("clusters", [{"x_m": 1, "y_m": 2}], "clusters.0.radius_m: missing"),
             (
                 "clusters",
                 [{"x_m": 1, "y_m": 2, "radius_m": True}],
-                "clusters.0.radius_m: Input should",
+                "clusters.0.radius_m: must be",
             ),
-            ("users", [], "users: List should have at least 1 item"),
-            ("users", [[1, 2, None]], "users.0.2: Input should be a valid number"),
-            ("users", [[1, 2, float("nan")]], "users.0.2: Input should be a finite number"),
-            ("users", [[1, 2, 10**400]], "users.0.2: Input should"),
+            ("users", [], "users: must have at least 1 item"),
+            ("users", [[1, 2, None]], "users.0.2: must be a number"),
+            ("users", [[1, 2, float("nan")]], "users.0.2: must be a finite number"),
+            ("users", [[1, 2, 10**400]], "users.0.2: is too large"),
         ],
     )
     def test_a_world(self, busy, key, value, problem):
@@ -802,5 +802,5 @@ class TestCommand:
         assert (code, out, err) == (
             4,
             "",
-            f"desim-uav: {busy / 'world.json'}: not the world of a run: size_m: Field required\n",
+            f"desim-uav: {busy / 'world.json'}: not the world of a run: size_m: missing\n",
         )
