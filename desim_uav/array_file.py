@@ -20,7 +20,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from desim_uav.errors import PolicyError, in_short
-from desim_uav.rowcode.regular_file import opened
+from desim_uav.rowcode.regular_file import opened, utf8
 
 LARGEST = 2**32
 LONGEST_TEXT = 2**24
@@ -121,7 +121,7 @@ def _text(archive: zipfile.ZipFile, longest: int) -> dict[str, Any]:
         raise ValueError(f"its description is larger than {longest >> 20} MiB")
     _form(archive, ABOUT)
     with archive.open(f"{ABOUT}.npy") as member:
-        about = json.loads(npy.read_array(member, allow_pickle=False).tobytes().decode())
+        about = json.loads(utf8(npy.read_array(member, allow_pickle=False).tobytes()))
     if not isinstance(about, dict):
         raise ValueError(f"{ABOUT} must be a mapping")
     return about

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.errors import PolicyError
+from desim_uav.rowcode.regular_file import text_of
 
 SUMS = "SHA256SUMS"
 LONGEST = 2**20
@@ -67,10 +68,10 @@ def verify(file: Path, strangers: bool = False) -> None:
 
 
 def _read(sums: Path) -> dict[str, str]:
-    if not sums.is_file() or sums.stat().st_size > LONGEST:
+    if not sums.is_file():
         raise ValueError("it is not a list of checksums")
     sum_of = {}
-    lines = sums.read_text(encoding="utf-8").removesuffix("\n").split("\n")
+    lines = text_of(sums, LONGEST).removesuffix("\n").split("\n")
     for number, line in enumerate(lines if lines != [""] else [], 1):
         match = LINE.fullmatch(line)
         if match is None or match[2] in sum_of:

@@ -87,6 +87,8 @@ def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.
                 yield as_frame(table, columns)
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
+        if isinstance(error, UnicodeDecodeError):
+            reason = "a text in it is not UTF-8"
         raise PolicyError(f"{file}: not a readable Parquet file: {reason}") from error
 
 

@@ -485,7 +485,7 @@ BROKEN: list[tuple[str, str, Callable[[bytes], bytes], str]] = [
     ("JSON of nothing", "manifest.json", lambda c: b"null", "not the manifest of a run"),
     ("no seed", "manifest.json", lambda c: c.replace(b'"seed"', b'"sede"'), "seed: missing"),
     ("deep", "manifest.json", lambda c: b"[" * 100_000, "not a readable JSON file"),
-    ("no UTF-8", "manifest.json", lambda c: b"\xff" + c, "not a readable JSON file"),
+    ("no UTF-8", "manifest.json", lambda c: b"\xff" + c, "JSON file: it is not UTF-8 text"),
 ]
 
 

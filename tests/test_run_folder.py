@@ -619,7 +619,7 @@ class TestReadBack:
             (None, "not a readable JSON file: No such file"),
             (b"", "not a readable JSON file: Expecting value"),
             (b"{", "not a readable JSON file"),
-            (b"\xff\xfe", "not a readable JSON file: 'utf-8'"),
+            (b"\xff\xfe", "not a readable JSON file: it is not UTF-8"),
             (b"[" * 100_000, "not a readable JSON file"),
             (b"[]", "not the manifest of a run: must be an object"),
             (b"{}", "not the manifest of a run: scenario: missing"),

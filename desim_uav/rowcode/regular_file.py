@@ -48,7 +48,15 @@ def content_of(path: Path, most: int) -> bytes:
 
 def text_of(path: Path, most: int) -> str:
     """Read a regular file of UTF-8 text. Raises what ``opened`` raises; ValueError if not UTF-8."""
-    return content_of(path, most).decode("utf-8")
+    return utf8(content_of(path, most))
+
+
+def utf8(content: bytes) -> str:
+    """Return bytes as text. Raises ValueError if they are not UTF-8."""
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError("it is not UTF-8 text") from error
 
 
 @contextmanager
