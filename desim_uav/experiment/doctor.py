@@ -174,14 +174,14 @@ def _kernels() -> Iterator[Check]:
         return
     from desim_uav.engine.ahead import at_work
     from desim_uav.engine.compiled import loop
+    from desim_uav.engine.des.skies import LISTS
     from desim_uav.learning import fused
-    from desim_uav.model.geometry.crossings import crossings
     from desim_uav.rowcode.kernels import NOWHERE, cache_folder, compiled_before
 
     cache_dir = os.environ.get("NUMBA_CACHE_DIR")
     if cache_dir and (problem := _unwritable(Path(cache_dir))):
         yield Check("problem", "NUMBA_CACHE_DIR", f"{problem}; it is not used")
-    folder = cache_folder(crossings)
+    folder = cache_folder(LISTS[0])
     if folder is None:
         words = NOWHERE.format(folder=Path(__file__).parents[1])
         yield Check("problem", "compiled code", words)
@@ -189,8 +189,8 @@ def _kernels() -> Iterator[Check]:
     if problem := _unwritable(folder):
         words = f"{problem}; it is compiled anew in each process, or set NUMBA_CACHE_DIR"
         yield Check("problem", "compiled code", words)
-    kinds = {"run": crossings, "the compiled engine": loop.run, "training": fused.play}
-    waiting = [name for name, kernel in kinds.items() if not compiled_before(kernel)]
+    kinds = {"run": LISTS, "the compiled engine": (loop.run,), "training": (fused.play,)}
+    waiting = [name for name, own in kinds.items() if not any(map(compiled_before, own))]
     missing = f"{', '.join(waiting)}: compiled on first use, which takes up to a minute"
     words = f"{missing if waiting else 'ready'}; kept in {folder}"
     words += "" if problem else ", which is writable"

@@ -6,10 +6,9 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol, cast
+from typing import Protocol
 
 from desim_uav.experiment.display import COMPILING, COMPILING_PARTS, Update, display
-from desim_uav.model.geometry.crossings import crossings
 from desim_uav.model.sums import in_order
 from desim_uav.rowcode.kernels import compiled_before
 
@@ -37,12 +36,15 @@ def progress(
 
     ``engine`` is the engine that may have to be compiled first.
     """
-    kernel, text = cast(Callable[..., Any], crossings), COMPILING_PARTS
     if engine == "batch":
         from desim_uav.engine.compiled import loop
 
-        kernel, text = loop.run, COMPILING
-    with display(show, total, unit, "" if compiled_before(kernel) else text) as update:
+        is_ready, text = compiled_before(loop.run), COMPILING
+    else:
+        from desim_uav.engine.des.skies import LISTS
+
+        is_ready, text = any(map(compiled_before, LISTS)), COMPILING_PARTS
+    with display(show, total, unit, "" if is_ready else text) as update:
         yield lambda: update(lambda: unit)
 
 

@@ -11,13 +11,14 @@ from numba.core.caching import NullCache
 from desim_uav import cli
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
+from desim_uav.engine.des.skies import LISTS
 from desim_uav.experiment import doctor
 from desim_uav.experiment.doctor import Check, examine
-from desim_uav.model.geometry.crossings import crossings
 from desim_uav.rowcode import kernels
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from desim_uav.sky.foresee import foresee_discs
 from desim_uav.world import build_world
 
 
@@ -113,11 +114,15 @@ def test_an_extra_of_another_packages_extra(monkeypatch):
 
 
 def test_machine_code_of_other_sources_is_not_ready(monkeypatch):
+    """Each scenario needs one of several kernels, so a run has been compiled if one of them has."""
     world = build_world(load(scenario_path("tiny")), 0)
     Simulation(world, RunSettings((True,), False)).reset(draw(world, 0, 0))
-    assert kernels.compiled_before(crossings)
-    monkeypatch.setattr(crossings._cache.file, "origin", b"of another day")
-    assert not kernels.compiled_before(crossings)
+    assert kernels.compiled_before(foresee_discs)
+    for kernel in LISTS[1:]:
+        monkeypatch.setattr(kernel._cache.file, "origin", b"of another day")
+    assert not found(examine(), "compiled code").words.startswith("run")
+    monkeypatch.setattr(foresee_discs._cache.file, "origin", b"of another day")
+    assert not kernels.compiled_before(foresee_discs)
     told = found(examine(), "compiled code")
     assert told.verdict == "note"
     assert told.words.startswith("run")
@@ -125,12 +130,12 @@ def test_machine_code_of_other_sources_is_not_ready(monkeypatch):
 
 def test_it_says_where_compiled_code_is_kept():
     told = found(examine(), "compiled code")
-    folder = kernels.cache_folder(crossings)
+    folder = kernels.cache_folder(foresee_discs)
     assert told.words.endswith(f"; kept in {folder}, which is writable")
 
 
 def test_there_is_no_place_for_compiled_code(monkeypatch):
-    monkeypatch.setattr(crossings, "_cache", NullCache())
+    monkeypatch.setattr(foresee_discs, "_cache", NullCache())
     told = found(examine(), "compiled code")
     assert told.verdict == "problem"
     assert told.words.startswith("compiled code cannot be kept on disk")
