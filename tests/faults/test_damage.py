@@ -123,7 +123,7 @@ def test_the_checksums_of_a_run(damage, times, flown, tmp_path):
         (folder / SUMS).write_bytes(damaged)
         if listed(damaged) == listed(content):  # it says the same in other letters
             continue
-        with pytest.raises(PolicyError, match=rf"run/\S+: .*({SUMS}|line|checksums|utf-8)"):
+        with pytest.raises(PolicyError, match=rf"run/\S+: .*({SUMS}|line|checksums|UTF-8)"):
             for name in RUN_FILES:
                 read_run(folder, name)
 
