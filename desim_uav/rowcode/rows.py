@@ -99,10 +99,10 @@ class Table(list[T], Generic[T]):
 
     def __new__(cls, values: Iterable[T] = ()) -> Self:
         """Return a list of values or, if all indices are to be checked, a ``BoundedTable``."""
-        if cls is Table:
-            # A BoundedTable is filled by ``__init__``, and values may be such as can be read once.
-            return super().__new__(BoundedTable) if CHECKED else list(values)  # type: ignore
-        return super().__new__(cls)
+        if cls is Table and not CHECKED:
+            return list(values)  # type: ignore[return-value]
+        # Python fills it by ``__init__`` with the values, which may be an iterator.
+        return super().__new__(BoundedTable if cls is Table else cls)  # type: ignore[return-value]
 
 
 Floats = NDArray[np.float64] | Table[float]

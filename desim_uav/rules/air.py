@@ -148,8 +148,8 @@ def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, spa
         drone.ahead.clear()
         return
     note_classes(state, drone)
-    known, count = recurs(world, state, drone, end_us), -1
-    if known:
+    again, count = recurs(world, state, drone, end_us), -1
+    if again:
         count = recall_leg(world, state, drone, end_us)
     if count >= 0:
         _omit_marks(world, state, drone, end_us)
@@ -158,7 +158,7 @@ def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, spa
         places = address(world.scene), address(state.sky), *drone.ahead.space(state.sky.changes)
         of_leg = *walks_of(path, state), drone.index, state.now_us, end_us
         count = call_for_int(world.foresee_in_air, (*places, *of_leg))
-        if known:
+        if again:
             remember_leg(world, state, drone, count)
     drone.ahead.fill(state.sky.changes, count)
     if state.look.still and drone.transit == REST:

@@ -28,7 +28,7 @@ SLOTS = 2**16
 """The number of slots, of which at most a half are used."""
 
 LEGS_AT = HEAD + SLOTS
-"""Where the first leg is written."""
+"""The number of the word at which the first leg begins."""
 
 OF_LEG = 15
 """The words of a key without the classes: its hash, and what identifies the leg."""

@@ -135,7 +135,7 @@ def test_a_state_is_restored_over_legs_that_are_recalled(name: str) -> None:
 
 
 def ends(engine: Any) -> list[Any]:
-    """What an episode under way leads to."""
+    """Fly an episode on to its end by the same actions, and return its events."""
     rng = np.random.default_rng(7)
     while not is_over(engine):
         step(engine, rng)
