@@ -39,7 +39,7 @@ LEGS, WAITS, TURNS = 3, 4, 2
 """The most legs of a trip that is repeated, how many waits before the first one are tried, and how
 often each drone chooses."""
 
-WARM_S, COLD_S = 0.5, 0.02
+WARM_S, COLD_S = 0.1, 0.02
 """A rise of the mean age by so much is kept with a probability of 1/e, at first and at the end."""
 
 EVERY = 6

@@ -16,19 +16,18 @@ from desim_uav.model.services import LAST, collecting_of
 from desim_uav.optimum.gathering import refuse_other_gathering
 from desim_uav.optimum.run.alone import ANYWHERE
 from desim_uav.optimum.run.battery import refuse_other_batteries
-from desim_uav.optimum.run.descent import Search, lowest
+from desim_uav.optimum.run.descent import lowest_with_own_steps
 from desim_uav.optimum.run.rates import rates_of
 from desim_uav.optimum.run.sensors import Updates, least_ages, updates_of
 from desim_uav.optimum.run.trips import Payments, best_trips, follow_trips, trips_of
 from desim_uav.sample_path import draw
 from desim_uav.world import World
 
-ROUNDS = 100
+ROUNDS = 200
 """The number of times that prices are changed for each episode."""
 
-FIRST_GAP, MEMORY = 0.3, 0.7
-"""See ``Search``; the gap is in steps. The weight of earlier subgradients is lower than elsewhere,
-as there are more prices."""
+FIRST_STEP = 0.15
+"""By how much prices change at first."""
 
 EVERY, LANDING = 2.0, 1.0
 """The price of a landing at first, and how many steps before the end it begins to fall to 0."""
@@ -66,7 +65,12 @@ class BoundedAges:
         self.mbps = rates.mbps.max((0, 1, 2))
         self.trips = trips_of(kind, rates, world.step_us)
         self.starts = _starts(world)
-        self.shape = len(self.sensors), self.steps, self.trips.longest, len(self.trips.flown)
+        users, flights = len(self.sensors), len(self.trips.flown)
+        self.shapes = (
+            (users, self.steps, flights),
+            (users, self.steps, self.trips.longest, flights),
+            (users, self.steps),
+        )
 
     def age_at_least_s(self) -> float:
         """Return the bound of the mean age over sensors and episodes, in seconds."""
@@ -81,58 +85,55 @@ class BoundedAges:
                 self.mbps,
             )
             ages.append(self.highest(updates, first))
-        return max(0.0, float(np.mean(ages)) * self.world.step_us / 1e6 - SLACK_S)
+        each = self.world.step_us / 1e6 / (len(self.sensors) * self.steps)
+        return max(0.0, float(np.mean(ages)) * each - SLACK_S)
 
     def first_prices(self) -> NDArray[np.float64]:
         """Return prices of landings alone, with which the search begins."""
-        aloft = np.zeros(self.shape)
-        for t in range(self.steps):
-            left = np.maximum(0.0, self.steps - t - 1 - self.trips.flown)
-            aloft[:, t, 0] = LANDING * np.minimum(1.0, left / EVERY)
-        return np.concatenate([aloft.ravel(), np.zeros(self.shape[0] * self.steps)])
+        landed, near, bits = map(np.zeros, self.shapes)
+        for t in range(1, self.steps):
+            left = np.maximum(0.0, self.steps - t - self.trips.flown)
+            landed[:, t] = LANDING * np.minimum(1.0, left / EVERY)
+        return np.concatenate([landed.ravel(), near.ravel(), bits.ravel()])
 
     def highest(self, updates: Updates, prices: NDArray[np.float64]) -> float:
-        """Return the highest bound of an episode that is found, in steps."""
-        left = self.rounds
+        """Return the highest bound of an episode that is found, in steps squared."""
 
         def bound_at(prices: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
             bound, slope = self.at_least(updates, prices)
             return -bound, -slope
 
-        def go_on(low: float) -> bool:
-            nonlocal left
-            left -= 1
-            self.on_work()
-            return left > 0
-
-        return -lowest(bound_at, prices, Search(FIRST_GAP, MEMORY, True, np.inf), go_on)[0]
+        return -lowest_with_own_steps(bound_at, prices, FIRST_STEP, self.rounds, self.on_work)
 
     def at_least(
         self, updates: Updates, prices: NDArray[np.float64]
     ) -> tuple[float, NDArray[np.float64]]:
-        """Return the bound of an episode at some prices, in steps, and a subgradient.
+        """Return the bound of the sum of all ages over time in an episode, and a subgradient.
 
-        ``prices`` are those of drones in the air, then those of bits, for a mean update.
+        The sum is in steps squared. ``prices`` are those of landings, those of steps on legs on
+        which a sensor can send, and those of bits, for a mean update.
         """
-        cut, scale = int(np.prod(self.shape)), 1.0 / max(float(updates.size.mean()), 1e-12)
-        bits = prices[cut:].reshape(self.shape[:2]) * scale
-        asked = Payments(prices[:cut].reshape(self.shape), bits, updates.most)
+        scale = 1.0 / max(float(updates.size.mean()), 1e-12)
+        parts = np.split(prices, np.cumsum([np.prod(shape) for shape in self.shapes])[:-1])
+        landed, near, bits = (
+            part.reshape(shape) for part, shape in zip(parts, self.shapes, strict=True)
+        )
+        asked = Payments(landed, near, bits * scale, updates.most)
         paid, earned = self._none(updates), self._none(updates)
         total = least_ages(updates, self.trips.flown, asked, paid)
         plan = best_trips(self.trips, asked)
         for start, count in self.starts:
-            own = self._none(updates)
-            follow_trips(self.trips, asked, plan, start, own)
             total -= count * plan.value(start)
-            earned.aloft[:] += count * own.aloft
-            earned.bits[:] += count * own.bits
-        aloft, sent = paid.aloft - earned.aloft, scale * (paid.bits - earned.bits)
-        unit = float(self.shape[0] * self.steps)
-        return total / unit, np.concatenate([aloft.ravel(), sent.ravel()]) / unit
+            for _ in range(count):
+                follow_trips(self.trips, asked, plan, start, earned)
+        slopes = [one - other for one, other in zip(paid[:3], earned[:3], strict=True)]
+        slopes[2] *= scale
+        return total, np.concatenate([slope.ravel() for slope in slopes])
 
     def _none(self, updates: Updates) -> Payments:
         """Return payments for nothing."""
-        return Payments(np.zeros(self.shape), np.zeros(self.shape[:2]), updates.most)
+        landed, near, bits = map(np.zeros, self.shapes)
+        return Payments(landed, near, bits, updates.most)
 
 
 def _starts(world: World) -> list[tuple[int, int]]:

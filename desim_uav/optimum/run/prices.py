@@ -12,14 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.optimum.run.alone import Alone, best_alone, follow, pay_legs
-from desim_uav.optimum.run.descent import Search, lowest
+from desim_uav.optimum.run.descent import lowest
 from desim_uav.optimum.run.legs import LEGS, Shares
 
 Prices = NDArray[np.float64]
 """(steps, users): the price of covering a user for a step."""
-
-FIRST_GAP, MEMORY = 0.05, 0.9
-"""See ``Search``."""
 
 
 class Slope(NamedTuple):
@@ -86,7 +83,7 @@ def lowest_bound(
         trial = measure.at_most(prices, earned)
         return trial.bound, (covered - trial.needed) / trial.scale
 
-    return lowest(bound_at, prices, Search(FIRST_GAP, MEMORY, False, measure.most), on_round)
+    return lowest(bound_at, prices, measure.most, on_round)
 
 
 def _best_plans(fleet: Fleet, prices: Prices) -> tuple[float, Prices]:

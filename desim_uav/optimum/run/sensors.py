@@ -1,8 +1,8 @@
 """The least ages of sensors at the ground, if they pay drones for what these do.
 
-A sensor chooses which of its updates are delivered. For each of them it pays a drone that is in its
-reach in a step and lands with a certain flight, and it pays for the Mbit of the update in the
-cheapest step between that in which the update was taken and that in which its last bit is sent.
+A sensor chooses which of its updates are delivered. For each of them it pays a drone for the step
+in which the last bit is sent and for the landing after it, and it pays for the Mbit of the update
+in the cheapest step between that in which the update was taken and that of the last bit.
 """
 
 from __future__ import annotations
@@ -71,23 +71,10 @@ def least_ages(
 
     What they pay for is added to ``used``.
     """
-    _, steps, longest, flights = prices.aloft.shape
-    total, aloft = 0.0, np.zeros((steps, longest, flights))
-    for u in range(len(prices.aloft)):
-        _add_up(prices.aloft[u], aloft)
-        total += 0.5 * steps * steps + _least_age(updates, u, flown, aloft, prices, used)
+    steps, total = prices.near.shape[1], 0.0
+    for u in range(len(prices.near)):
+        total += 0.5 * steps * steps + _least_age(updates, u, flown, prices, used)
     return total
-
-
-@maker
-def _add_up(price: NDArray[np.float64], aloft: NDArray[np.float64]) -> None:
-    """Write the price of a drone that is in the air from each step on until it sets out."""
-    steps, longest, flights = aloft.shape
-    for t in range(steps - 2, -1, -1):
-        for n in range(min(longest, steps - 1 - t)):
-            for m in range(flights):
-                after = aloft[t + 1, n - 1, m] if n > 0 else 0.0
-                aloft[t, n, m] = price[t, n, m] + after
 
 
 @maker
@@ -95,7 +82,6 @@ def _least_age(
     updates: Updates,
     u: int,
     flown: NDArray[np.float64],
-    aloft: NDArray[np.float64],
     prices: Payments,
     used: Payments,
 ) -> float:
@@ -103,13 +89,13 @@ def _least_age(
 
     The value of an update is this, if it is the last one that is delivered.
     """
-    steps, _, flights = aloft.shape
+    _, steps, _, flights = prices.near.shape
     first, number = updates.first[u], updates.first[u + 1] - updates.first[u]
     value, chosen = np.zeros(number + 1), np.full((number + 1, 5), -1)
     least, before = np.zeros((steps, flights)), np.full((steps, flights), -1)
     best = number  # no update
     for j in range(number):
-        value[j] = _deliver(updates, first + j, u, flown, aloft, prices, (least, before), chosen[j])
+        value[j] = _deliver(updates, first + j, u, flown, prices, (least, before), chosen[j])
         best = j if value[j] < value[best] else best
         for r in range(steps):
             for m in range(flights):
@@ -119,8 +105,8 @@ def _least_age(
     last = best if best < number else -1
     while last >= 0:
         t, n, m, cheapest, earlier = chosen[last]
-        for i in range(n + 1):
-            used.aloft[u, t + i, n - i, m] += 1.0
+        used.landed[u, t + 1 + n, m] += 1.0
+        used.near[u, t, n, m] += 1.0
         used.bits[u, cheapest] += updates.size[first + last]
         last = earlier
     return float(value[best])
@@ -132,7 +118,6 @@ def _deliver(
     j: int,
     u: int,
     flown: NDArray[np.float64],
-    aloft: NDArray[np.float64],
     prices: Payments,
     earlier: tuple[NDArray[np.float64], NDArray[np.int64]],
     chosen: NDArray[np.int64],
@@ -143,7 +128,7 @@ def _deliver(
     which they are. ``chosen`` gets the step of the last bit, the steps until the drone sets out
     after it, its flight, the cheapest step for bits, and the update before.
     """
-    steps, longest, flights = aloft.shape
+    _, steps, longest, flights = prices.near.shape
     least, before = earlier
     value, cheapest = np.inf, int(updates.taken[j])
     for t in range(int(updates.taken[j]), steps - 1):
@@ -156,7 +141,8 @@ def _deliver(
             r = t + 1 + n
             for m in range(flights):
                 falls = updates.taken[j] * max(0.0, steps - r - flown[m])
-                trial = least[r, m] - falls + pays + aloft[t, n, m]
+                asks = pays + prices.near[u, t, n, m] + prices.landed[u, r, m]
+                trial = least[r, m] - falls + asks
                 if trial < value:
                     value = trial
                     chosen[0], chosen[1], chosen[2] = t, n, m

@@ -32,6 +32,8 @@ class Trips(NamedTuple):
     (flights,) these times in steps. ``away`` (flights,): the steps from the one in which the drone
     sets out to the one in which it can take off again. ``stations``: their cells. ``longest`` is
     the largest number of steps of a trip, and ``respawn`` the steps from a crash to a replacement.
+    ``heard[first_heard[i]:first_heard[i + 1]]`` are the sensors that can send in some piece of leg
+    i; the legs are those from cell 0, then from cell 1, and so on.
     """
 
     ahead: NDArray[np.int64]
@@ -42,17 +44,22 @@ class Trips(NamedTuple):
     stations: NDArray[np.int64]
     longest: int
     respawn: int
+    first_heard: NDArray[np.int64]
+    heard: NDArray[np.int64]
 
 
 class Payments(NamedTuple):
     """What sensors pay drones for, or how much of it they buy.
 
-    ``aloft`` (users, steps, longest, flights): for a step in the air, by the steps from its end
-    until the drone sets out for a station, and the number of its flight there. ``bits`` (users,
-    steps): for a Mbit that is sent in a step. At most ``most`` (users, steps) Mbit are sent.
+    ``landed`` (users, steps, flights): for a landing, by the step in which the drone sets out for
+    the station, and the number of its flight there. ``near`` (users, steps, longest, flights): for
+    a step on a leg on which the sensor can send, by the steps from its end until the drone sets
+    out, and the number of its flight. ``bits`` (users, steps): for a Mbit that is sent in a step.
+    At most ``most`` (users, steps) Mbit are sent.
     """
 
-    aloft: NDArray[np.float64]
+    landed: NDArray[np.float64]
+    near: NDArray[np.float64]
     bits: NDArray[np.float64]
     most: NDArray[np.float64]
 
@@ -79,7 +86,15 @@ def trips_of(kind: DroneType, rates: Rates, step_us: int) -> Trips:
         stations,
         len(charges.most),
         steps_of(int(crash_us(kind, step_us, charges.least[-1:])[0]), step_us),
+        *_heard(rates),
     )
+
+
+def _heard(rates: Rates) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the sensors that can send on each leg, as ``Trips`` keeps them."""
+    can_send = rates.mbps.max(2).reshape(rates.ahead.size, -1) > 0.0
+    first = np.concatenate([[0], np.cumsum(can_send.sum(1))])
+    return first, np.nonzero(can_send)[1]
 
 
 class Plan(NamedTuple):
@@ -111,29 +126,32 @@ class Plan(NamedTuple):
 
 @maker
 def fill(
-    mbit: NDArray[np.float64],
+    trips: Trips,
+    leg: tuple[int, int],
     price: NDArray[np.float64],
     most: NDArray[np.float64],
     sent: NDArray[np.float64],
 ) -> float:
     """Return what the best use of the band on a leg earns, and write the Mbit that each user sends.
 
-    ``mbit`` (pieces, users) is what each could send alone in each piece. In each piece those send
-    first of whom a second of the band earns most. A leg whose pieces are alike is one piece.
+    ``leg`` is a cell and the number of a leg. In each piece those send first of whom a second of
+    the band earns most. A leg whose pieces are alike is one piece.
     """
     sent[:] = 0.0
-    pieces, users = mbit.shape
-    alike = True
-    for u in range(users):
+    cell, k = leg
+    mbit, number = trips.mbit[cell, k], cell * trips.ahead.shape[1] + k
+    heard = trips.heard[trips.first_heard[number] : trips.first_heard[number + 1]]
+    pieces, alike = len(mbit), True
+    for u in heard:
         for p in range(1, pieces):
             alike = alike and mbit[p, u] == mbit[0, u]
     scale, total = (float(pieces) if alike else 1.0), 0.0
-    done = np.full(users, -1)
+    done = np.full(len(price), -1)
     for p in range(1 if alike else pieces):
         left = 1.0
         while left > 0.0:
             best, earns = -1, 0.0
-            for u in range(users):
+            for u in heard:
                 if done[u] != p and mbit[p, u] * price[u] > earns:
                     best, earns = u, mbit[p, u] * price[u]
             if best < 0:
@@ -148,7 +166,7 @@ def fill(
 
 def best_trips(trips: Trips, prices: Payments) -> Plan:
     """Return the best decisions of a drone at these prices."""
-    _, steps, longest, flights = prices.aloft.shape
+    _, steps, longest, flights = prices.near.shape
     cells, stations = trips.flight.shape
     aloft = np.full((longest + 1, flights, cells), NEVER)
     beyond = steps + 1 + max(int(trips.away.max()), trips.respawn)
@@ -168,30 +186,33 @@ def best_trips(trips: Trips, prices: Payments) -> Plan:
 @maker
 def _induce(trips: Trips, prices: Payments, plan: Plan) -> None:
     """Write the plan, from the last step to the first."""
-    users, steps, longest, flights = prices.aloft.shape
+    users, steps, longest, flights = prices.near.shape
     cells, ways = trips.ahead.shape
     aloft, lost, sent = plan.aloft.copy(), plan.lost.copy(), np.zeros(users)
-    paid = np.zeros((longest, flights))
+    paid = np.zeros(longest * flights)
+    near = prices.near.reshape(users, steps, longest * flights)
     for t in range(steps - 1, -1, -1):
-        again = _set_out(trips, t, plan, aloft)
+        again = _set_out(trips, prices, t, plan, aloft)
         lost[:] = NEVER
         most = min(longest, steps - 1 - t)
-        paid[:] = 0.0
-        for u in range(users):
-            paid += prices.aloft[u, t]
         for c in range(cells):
             for k in range(ways):
                 to = trips.ahead[c, k]
                 if to < 0:
                     continue
-                own = fill(trips.mbit[c, k], prices.bits[:, t], prices.most[:, t], sent)
+                own = fill(trips, (c, k), prices.bits[:, t], prices.most[:, t], sent)
+                paid[:] = own
+                leg = c * ways + k
+                for u in trips.heard[trips.first_heard[leg] : trips.first_heard[leg + 1]]:
+                    for i in range(most * flights):
+                        paid[i] += near[u, t, i]
                 flies_on, crashes = own + plan.lost[to], own + again
                 if max(flies_on, crashes) > lost[c]:
                     lost[c] = max(flies_on, crashes)
                     plan.astray[t, c] = k if flies_on >= crashes else -1 - k
                 for n in range(most):
                     for m in range(flights):
-                        value = own + paid[n, m] + plan.aloft[n, m, to]
+                        value = paid[n * flights + m] + plan.aloft[n, m, to]
                         if value > aloft[n + 1, m, c]:
                             aloft[n + 1, m, c], plan.legs[t, n + 1, m, c] = value, k
         plan.aloft[:], plan.lost[:] = aloft, lost
@@ -199,16 +220,21 @@ def _induce(trips: Trips, prices: Payments, plan: Plan) -> None:
 
 
 @maker
-def _set_out(trips: Trips, t: int, plan: Plan, aloft: NDArray[np.float64]) -> float:
+def _set_out(
+    trips: Trips, prices: Payments, t: int, plan: Plan, aloft: NDArray[np.float64]
+) -> float:
     """Write what a drone earns that sets out for a station in a step.
 
     Returns what it earns after a crash in this step.
     """
     aloft[:] = NEVER
+    paid = np.zeros(len(trips.flown))
+    for u in range(len(prices.landed)):
+        paid += prices.landed[u, t]
     for c in range(len(trips.flight)):
         for s in range(len(trips.stations)):
             m = trips.flight[c, s]
-            aloft[0, m, c] = max(aloft[0, m, c], plan.landed[t + trips.away[m], s])
+            aloft[0, m, c] = max(aloft[0, m, c], paid[m] + plan.landed[t + trips.away[m], s])
     again = t + trips.respawn
     plan.replaced[again] = np.argmax(plan.landed[again])
     return float(plan.landed[again, plan.replaced[again]])
@@ -230,7 +256,7 @@ def _take_off(trips: Trips, t: int, plan: Plan) -> None:
 
 
 def follow_trips(trips: Trips, prices: Payments, plan: Plan, start: int, used: Payments) -> None:
-    """Add to ``used`` the steps for which a drone is in the air by a plan, and the Mbit it gets."""
+    """Add to ``used`` what a drone is paid for by a plan."""
     cell, n, m, station = start, 0, 0, -1
     if start == ANYWHERE:
         best = [float(part.max()) for part in (plan.aloft, plan.lost, plan.landed[0])]
@@ -266,6 +292,7 @@ def _follow(
             cell, station = trips.stations[station], -1
             n = n if n > 0 else -1
         if n == 0:
+            used.landed[:, t, m] += 1.0
             best = t + trips.away[m]
             for s in range(len(trips.stations)):
                 better = station < 0 or plan.landed[best, s] > plan.landed[best, station]
@@ -276,11 +303,12 @@ def _follow(
         k = plan.legs[t, n, m, cell] if n > 0 else plan.astray[t, cell]
         crashes = k < 0
         k = -1 - k if crashes else k
-        fill(trips.mbit[cell, k], prices.bits[:, t], prices.most[:, t], sent)
+        fill(trips, (cell, k), prices.bits[:, t], prices.most[:, t], sent)
         used.bits[:, t] += sent
-        for u in range(len(sent)):
-            if n > 0:
-                used.aloft[u, t, n - 1, m] += 1.0
+        leg = cell * trips.ahead.shape[1] + k
+        if n > 0:
+            for u in trips.heard[trips.first_heard[leg] : trips.first_heard[leg + 1]]:
+                used.near[u, t, n - 1, m] += 1.0
         cell, n, t = trips.ahead[cell, k], (n - 1 if n > 0 else n), t + 1
         if crashes:
             t += trips.respawn - 1
