@@ -1,7 +1,7 @@
 """How low can the mean age of the benchmark's `harvest` be? A schedule that knows the future.
 
-python analysis/harvest_schedule.py [small|medium] [--seeds 1] [--episodes 4] [--trials 5000]
-                                    [--bands 1] [--rounds 100]
+python analysis/harvest_schedule.py [small|medium] [--seeds 1] [--episodes 4] [--trials 10000]
+                                    [--rounds 200]
 
 Flies forks of the exact engine in world 0, from the first seed of the track on. At first every
 drone repeats a trip of up to three legs from a station for the whole episode: one after the other,
@@ -9,8 +9,6 @@ the drones get the station, the trip and the wait before it with which the mean 
 commands are changed at random, in so many trials (simulated annealing): a change is kept if the
 mean age is lower, or with a probability that falls with its rise and with the trials. Prints the
 mean age of each seed, and a proven bound, for which prices are changed in so many rounds.
-``--bands 10`` gives the drones 10 times the bandwidth, at 10 times the power, so that each Hz
-carries as much as before.
 """
 
 from __future__ import annotations
@@ -19,7 +17,6 @@ import argparse
 import math
 from collections.abc import Iterator
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -31,7 +28,6 @@ from desim_uav.model.rules import MOVES, Action
 from desim_uav.optimum.run.ages import ROUNDS, BoundedAges
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import load
-from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import bench_folder
 from desim_uav.world import World, build_world
 
@@ -55,11 +51,11 @@ def main() -> None:
     parser.add_argument("size", nargs="?", default="small", choices=("small", "medium"))
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--episodes", type=int, default=4)
-    parser.add_argument("--trials", type=int, default=5000)
-    parser.add_argument("--bands", type=float, default=1.0)
+    parser.add_argument("--trials", type=int, default=10000)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     asked = parser.parse_args()
-    world, ages, bounds = build_world(task_of(asked.size, asked.bands), 0), [], []
+    task = load(bench_folder() / f"harvest-{asked.size}.yaml")
+    world, ages, bounds = build_world(task, 0), [], []
     for seed in TRACKS["one"].seeds[: asked.seeds]:
         paths = [draw(world, seed, episode) for episode in range(asked.episodes)]
         ages.append(np.mean([lowest(Forks(world, path), asked.trials) for path in paths]))
@@ -67,15 +63,6 @@ def main() -> None:
         bounds.append(run.age_at_least_s())
         print(f"seed {seed}: {ages[-1]:.1f} s, no policy is below {bounds[-1]:.1f} s", flush=True)
     print(f"mean {np.mean(ages):.1f} s, {np.mean(ages) / np.mean(bounds) - 1:.1%} above the bound")
-
-
-def task_of(size: str, bands: float) -> Scenario:
-    """Return the scenario of a task with so many times its bandwidth and power."""
-    file = bench_folder() / f"harvest-{size}.yaml"
-    radio: Any = load(file).fleet[0].radio
-    power_dbm = radio.power_dbm + 10.0 * math.log10(bands)
-    wider = {"bandwidth_mhz": bands * radio.bandwidth_mhz, "power_dbm": power_dbm}
-    return load(file, {f"drones.radio.{key}": value for key, value in wider.items()})
 
 
 class Forks:

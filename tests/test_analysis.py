@@ -727,10 +727,3 @@ def test_a_schedule_of_harvest_has_the_age_of_a_run_and_becomes_better(monkeypat
     assert len(forks.next_states) == 2 and forks.next_states[1] is forks.states[1]
     assert script.Forks(world, draw(world, 0, 0)).age_s(plan, [0, 0]) == from_the_middle < age
     assert script.lowest(forks, 0) >= script.lowest(forks, 100) > 0.0
-
-
-def test_a_task_of_harvest_with_ten_times_the_band_has_links_like_before():
-    script = importlib.import_module("harvest_schedule")
-    one, ten = (build_world(script.task_of("small", bands), 0).links[0] for bands in (1.0, 10.0))
-    assert ten.bandwidth_hz == 10 * one.bandwidth_hz
-    assert ten.rings_m == pytest.approx(one.rings_m)

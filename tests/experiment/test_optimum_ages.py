@@ -8,7 +8,7 @@ import pytest
 import desim_uav as du
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
-from desim_uav.errors import ScenarioError
+from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.optimum.run.ages import BoundedAges
 from desim_uav.optimum.run.sensors import updates_of
 from desim_uav.optimum.run.trips import Payments, best_trips, follow_trips
@@ -153,6 +153,12 @@ def test_what_is_refused(key, value, named):
     plain = farm().model_dump(mode="json", exclude_unset=True)
     with pytest.raises(ScenarioError, match=named):
         du.find_bounds(plain, {key: value}, seeds=1, episodes=1)
+
+
+def test_more_prices_than_fit_in_memory_are_refused(monkeypatch):
+    monkeypatch.setattr("desim_uav.optimum.run.ages.MOST_PRICES", 100)
+    with pytest.raises(UsageError, match=r"episode\.steps: 2 sensors and 8 steps, .* prices, more"):
+        du.find_bounds(farm(), seeds=1, episodes=1)
 
 
 def test_sensors_whose_data_stay_aloft_are_refused():

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.errors import UsageError
 from desim_uav.model.services import LAST, collecting_of
 from desim_uav.optimum.gathering import refuse_other_gathering
 from desim_uav.optimum.run.alone import ANYWHERE
@@ -32,6 +33,9 @@ FIRST_STEP = 0.15
 EVERY, LANDING = 2.0, 1.0
 """The price of a landing at first, and how many steps before the end it begins to fall to 0."""
 
+MOST_PRICES = 2 * 10**7
+"""The largest number of prices; the search needs about 100 bytes for each."""
+
 SLACK_S = 1e-3
 """By how much rounding may change a mean age, in seconds; it changes each time by microseconds."""
 
@@ -40,7 +44,7 @@ class BoundedAges:
     """A run of a world with sensors on the sample paths of a seed, without warm-up.
 
     Raises ScenarioError, with all keys that prevent it, and UsageError if a battery or a way of
-    charging is not of a known kind.
+    charging is not of a known kind, or if there are too many sensors and steps.
     """
 
     def __init__(
@@ -71,6 +75,13 @@ class BoundedAges:
             (users, self.steps, self.trips.longest, flights),
             (users, self.steps),
         )
+        prices = sum(int(np.prod(shape)) for shape in self.shapes)
+        if prices > MOST_PRICES:
+            raise UsageError(
+                f"users.count, episode.steps: {users} sensors and {self.steps} steps, in trips of "
+                f"up to {self.trips.longest} steps, have {prices} prices, more than {MOST_PRICES}; "
+                "bound shorter episodes or fewer sensors"
+            )
 
     def age_at_least_s(self) -> float:
         """Return the bound of the mean age over sensors and episodes, in seconds."""
