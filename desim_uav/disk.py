@@ -6,6 +6,7 @@ import errno
 import os
 import tempfile
 import uuid
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import IO
@@ -33,16 +34,21 @@ def write_whole(path: Path, content: bytes) -> None:
     sync_folder(path.parent)
 
 
-def file_place(out: Path, option: str = "") -> Path:
+def file_place(out: Path, option: str = "", endings: Sequence[str] = ()) -> Path:
     """Return the place of a file to be written, with links followed. Nothing is made yet.
 
-    ``option`` names the option in messages. Raises UsageError if no file can be written there.
+    ``option`` names the option in messages. Raises UsageError if no file can be written there, or
+    if its name has none of the ``endings``, where these say what is written.
     """
     label = f"{option} {out}".strip()
     try:
         place = followed(out)
         if place.exists() and not place.is_file():
             raise UsageError(f"{label}: exists and is not a file")
+        if endings and out.suffix.lower() not in endings:
+            *others, last = endings
+            allowed = f"{', '.join(others)} or {last}" if others else last
+            raise UsageError(f"{label}: the file's name must end in {allowed}")
         try_writing(next(folder for folder in place.parents if folder.exists()))
     except OSError as error:
         reason = error.strerror or error

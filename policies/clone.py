@@ -71,7 +71,7 @@ def main(arguments=None):
     parser.add_argument("--seed", type=int, default=0, help="what is drawn at random")
     asked = parser.parse_args(arguments)
     try:
-        place = file_place(asked.out, "--out")
+        place = file_place(asked.out, "--out", [".npz"])
         if not (asked.data / MANIFEST).is_file():
             raise UsageError(f"{asked.data}: no such data set; desim-uav bench export writes one")
         about = json.loads((asked.data / MANIFEST).read_text(encoding="utf-8"))

@@ -174,7 +174,7 @@ def main(arguments=None):
         name, out, changes = (asked.pop(key) for key in ("scenario", "out", "changes"))
         scenario = scenario_of(name, ["observation={kind: local}", *changes])
         options = options_of(**asked)
-        place = file_place(out or Path(f"{scenario.name}.npz"), "--out")
+        place = file_place(out or Path(f"{scenario.name}.npz"), "--out", [".npz"])
         train(scenario, options, save, lambda line: print(line, file=sys.stderr, flush=True))
     except DesimError as error:
         print(error, file=sys.stderr)

@@ -78,7 +78,7 @@ def main(arguments=None):
         write_at(place, (json.dumps(content, indent=1) + "\n").encode())
 
     try:
-        place = file_place(options.out, "--out")
+        place = file_place(options.out, "--out", [".json"])
         train(options, save, lambda line: print(line, file=sys.stderr, flush=True))
     except DesimError as error:
         print(error, file=sys.stderr)

@@ -203,7 +203,7 @@ def main(arguments=None):
     try:
         name, out, changes = (asked.pop(key) for key in ("scenario", "out", "changes"))
         scenario, options = load(find_scenario(name), [*DEFAULTS, *changes]), options_of(**asked)
-        place = file_place(out or Path(f"ppo_{scenario.name}.npz"), "--out")
+        place = file_place(out or Path(f"ppo_{scenario.name}.npz"), "--out", [".npz"])
         train(scenario, options, save, lambda line: print(line, file=sys.stderr))
     except DesimError as error:
         print(error, file=sys.stderr)

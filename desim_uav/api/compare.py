@@ -66,7 +66,7 @@ def compare(
         against: The policy that the others are compared with. By default it is the first.
         measure: A measure to compare, such as age_s; it can be given several times. By default
             these are those that the services of the scenario have.
-        out: A file for the values of each policy and seed.
+        out: A CSV file for the values of each policy and seed.
         engine: The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are
             the same. With auto, SimPy begins if batch has yet to be compiled, which another
             process does meanwhile, and batch takes over at a later episode.
@@ -85,7 +85,7 @@ def compare(
     from desim_uav.scenario.draft import named_override
     from desim_uav.scenario.load import override_texts
 
-    place = None if out is None else file_place(Path(out), "--out")
+    place = None if out is None else file_place(Path(out), "--out", [".csv"])
     if any(override.startswith("seed=") for override in override_texts(overrides or ())):
         raise UsageError(
             f"{named_override('seed')}: each replication has its own; choose the first and "
@@ -149,7 +149,7 @@ def compare_runs(
     from desim_uav.experiment import compare_runs as finished
     from desim_uav.measures.known import names_of
 
-    place = None if out is None else file_place(Path(out), "--out")
+    place = None if out is None else file_place(Path(out), "--out", [".csv"])
     with in_folders("folders", each_of("folders", folders)) as sources:
         if not sources:
             raise UsageError("folders: give at least one run")

@@ -150,12 +150,12 @@ def film(
         MissingExtraError: an MP4 needs a package that is not installed.
     """
     from desim_uav.api.sources import in_folders
+    from desim_uav.disk import file_place
     from desim_uav.experiment import plot as figures
 
     place = _default([run], "film.gif") if file is None else Path(file)
+    file_place(place, "file", [".gif", ".mp4"])
     ending = place.suffix.lower()
-    if ending not in (".gif", ".mp4"):
-        raise UsageError(f"file {place}: the file's name must end in .gif or .mp4")
     with in_folders("run", [run]) as sources:
         figures.film(
             sources[0],
@@ -204,7 +204,7 @@ def write_report(
 
     results = each_of("runs", runs)
     file = _default(results, NAME) if out is None else Path(out)
-    file_place(file, "" if out is None else "--out")
+    file_place(file, "" if out is None else "--out", [".html"])
     return report_of(results, title, against, file, progress).save(file)
 
 
@@ -222,7 +222,7 @@ def report_of(
     from desim_uav.experiment.report import NAME, make_report
 
     if file is not None:
-        file_place(file)
+        file_place(file, endings=[".html"])
     with in_folders("runs", results) as sources:
         text = make_report(sources, file or Path(NAME), title, against, progress)
     return Page(text.encode(), NAME)

@@ -29,8 +29,8 @@ class Page:
 
     @typed
     def save(self, file: str | Path) -> Path:
-        """Write the page, in new folders if need be. Raises UsageError where that fails."""
-        write_at(file_place(Path(file)), self._content)
+        """Write the page as HTML, in new folders if need be. Raises UsageError where that fails."""
+        write_at(file_place(Path(file), endings=[".html"]), self._content)
         return Path(file)
 
     def open(self) -> Path:

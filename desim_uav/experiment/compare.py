@@ -127,7 +127,7 @@ class Comparison:
     @typed
     def save(self, file: str | Path) -> Path:
         """Write the values of each seed as CSV. Raises UsageError if the file cannot be written."""
-        write_at(file_place(Path(file)), self.as_csv().encode())
+        write_at(file_place(Path(file), endings=[".csv"]), self.as_csv().encode())
         return Path(file)
 
     @typed

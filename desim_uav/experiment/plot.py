@@ -198,10 +198,10 @@ class Target:
     """
 
     def __init__(self, out: Path, option: str = "", tabled: bool = False) -> None:
-        from desim_uav.report.figures.style import ENDINGS, ending
+        from desim_uav.report.figures.style import ENDINGS
 
-        self._suffix = ending(out, option or "--out", (*ENDINGS, *TABLES) if tabled else ENDINGS)
-        self._place = file_place(out, option)
+        endings = (*ENDINGS, *TABLES) if tabled else ENDINGS
+        self._place, self._suffix = file_place(out, option, endings), out.suffix.lower()
 
     def write(self, figure: Any) -> None:
         """Write the figure in one step."""
@@ -274,12 +274,9 @@ def film(
     outputs = [(out, end, write) for out, end, write in films if out is not None]
     if not outputs:
         raise UsageError("name the file to write: --gif FILE.gif or --mp4 FILE.mp4")
-    for out, end, _ in outputs:
-        if out.suffix.lower() != end:
-            raise UsageError(f"--{end[1:]} {out}: the file's name must end in {end}")
+    places = [file_place(out, f"--{end[1:]}", [end]) for out, end, _ in outputs]
     if mp4 is not None:
         video.need_ffmpeg()
-    places = [file_place(out, f"--{end[1:]}") for out, end, _ in outputs]
     run = playable(source, show_progress)
     number = run.episode(episode)
     run.need([number])

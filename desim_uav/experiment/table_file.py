@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.disk import file_place, write_at
-from desim_uav.errors import UsageError
 
 ENDINGS = (".csv", ".parquet")
 
@@ -19,10 +18,7 @@ class TableTarget:
     """
 
     def __init__(self, out: Path, option: str = "--out") -> None:
-        self._suffix = out.suffix.lower()
-        if self._suffix not in ENDINGS:
-            raise UsageError(f"{option} {out}: the file's name must end in {' or '.join(ENDINGS)}")
-        self._place = file_place(out, option)
+        self._place, self._suffix = file_place(out, option, ENDINGS), out.suffix.lower()
 
     def write(self, frame: Any) -> None:
         """Write the table in one step."""

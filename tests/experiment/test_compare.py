@@ -517,6 +517,7 @@ class TestOut:
         flags = ("compare", "case8", "--policies", "hover", "--out")
         cli_run(*flags, ".").failed(2, "--out .: exists and is not a file")
         cli_run(*flags, "file/v.csv").failed(2, "--out file/v.csv:")
+        cli_run(*flags, "v.parquet").failed(2, "--out v.parquet: the file's name must end in .csv")
 
     def test_stays_where_the_comparison_fails(self, cli_run):
         Path("v.csv").write_text("old")

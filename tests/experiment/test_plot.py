@@ -124,8 +124,8 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
             2,
             "unknown figure 'visit' (did you mean 'visits'?); ",
         ),
-        (("plot", "services", "@run0", "-o", "a.jpg"), 2, "must end in one of .png, .pdf, .svg"),
-        (("plot", "services", "@run0", "-o", "a"), 2, "must end in one of .png, .pdf, .svg"),
+        (("plot", "services", "@run0", "-o", "a.jpg"), 2, "must end in .png, .pdf or .svg"),
+        (("plot", "services", "@run0", "-o", "a"), 2, "must end in .png, .pdf or .svg"),
         (("plot", "battery", "@run0", "@run1"), 2, "battery: give one folder, not 2"),
         (
             ("plot", "battery", "@run0", "--window", 3),

@@ -262,5 +262,5 @@ def test_a_figure_of_maps(town, tmp_path):
     assert len(pd.read_parquet(tmp_path / "map.parquet")) == 100 * 80
     with pytest.raises(UsageError, match="minute: 13: episode 0 lasts 12 minutes"):
         town.plot("map", minute=13)
-    with pytest.raises(UsageError, match=r"must end in one of \.png, \.pdf, \.svg"):
+    with pytest.raises(UsageError, match=r"must end in \.png, \.pdf or \.svg"):
         town.plot("visits", tmp_path / "visits.csv")

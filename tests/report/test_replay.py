@@ -793,6 +793,8 @@ class TestCommand:
         code, out, err = replay(busy, "--episodes", "7")
         assert (code, out) == (2, "")
         assert "there is no episode 7; there are -1 to 1" in err
+        code, out, err = replay(busy, "--html", "page.pdf")
+        assert code == 2 and "--html page.pdf: the file's name must end in .html" in err
         code, out, err = replay(busy, "--html", busy / "world.json/page.html")
         assert (code, out) == (2, "")
         assert err.startswith("desim-uav: --html ") and "world.json/page.html: " in err

@@ -51,18 +51,18 @@ class Leaderboard:
     def save(self, page: str | Path | None, figure: str | Path | None) -> None:
         """Write the tables in Markdown and the figure to files, where these are given.
 
-        Raises UsageError, before anything is written, if one cannot be, or if the figure's file has
-        another ending than those of figures.
+        Raises UsageError, before anything is written, if one cannot be, or if its name has another
+        ending.
         """
-        from desim_uav.report.figures.style import ending, to_bytes
+        from desim_uav.report.figures.style import ENDINGS, to_bytes
 
         files = []
         if page is not None:
-            files.append((file_place(Path(page), "--out"), self.markdown().encode()))
+            files.append((file_place(Path(page), "--out", [".md"]), self.markdown().encode()))
         if figure is not None:
             figure = Path(figure)
-            suffix, place = ending(figure, "--figure"), file_place(figure, "--figure")
-            files.append((place, to_bytes(self.figure(), suffix)))
+            place = file_place(figure, "--figure", ENDINGS)
+            files.append((place, to_bytes(self.figure(), figure.suffix.lower())))
         for place, content in files:
             write_at(place, content)
 

@@ -77,7 +77,7 @@ def write_replay(
     first, second = sources[0].folder, sources[1].folder if len(sources) > 1 else None
     name = f"replay-{second.resolve().name}.html" if second else "replay.html"
     file = first / name if html is None else html
-    place = file_place(file, "" if html is None else "--html")
+    place = file_place(file, "" if html is None else "--html", [".html"])
     choice = shown_of(first, second, episodes)
     if choice.folders != [source.folder for source in sources]:
         sources = [Source(folder) for folder in choice.folders]

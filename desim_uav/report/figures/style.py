@@ -76,17 +76,6 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     return in_style
 
 
-def ending(out: Path, option: str = "--out", allowed: tuple[str, ...] = ENDINGS) -> str:
-    """Return the ending of a file's name, which an option gave.
-
-    Raises UsageError if it is not one of those allowed.
-    """
-    suffix = out.suffix.lower()
-    if suffix not in allowed:
-        raise UsageError(f"{option} {out}: the file's name must end in one of {', '.join(allowed)}")
-    return suffix
-
-
 @styled
 def to_bytes(figure: mpl_figure.Figure, suffix: str) -> bytes:
     """Return a figure as the content of a file; the same figure gives the same bytes."""
