@@ -238,7 +238,10 @@ def find_optimum(
     from desim_uav.experiment.progress import progress as shown
 
     source = arguments.opened(scenario, overrides, seed, world_seed)
-    total, show = work_of(seeds, episodes), progress and bounds_runs(source.scenario)
+    total, show = (
+        work_of(source.scenario, seeds, episodes),
+        progress and bounds_runs(source.scenario),
+    )
     with source.located(), shown(show, total, ROUNDS_OF) as advance:
         return Optimum(at_once(optimum, source.scenario, seeds, episodes, advance))
 
@@ -286,5 +289,6 @@ def find_bounds(
 
     all_seeds = arguments.seeds_of(seeds, first_seed)
     source = arguments.opened(scenario, overrides)
-    with source.located(), shown(progress, work_of(len(all_seeds), episodes), ROUNDS_OF) as advance:
+    total = work_of(source.scenario, len(all_seeds), episodes)
+    with source.located(), shown(progress, total, ROUNDS_OF) as advance:
         return Bounds(at_once(bounds, source.scenario, all_seeds, episodes, schedule, advance))

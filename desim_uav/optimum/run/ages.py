@@ -6,6 +6,7 @@ sample paths.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable
 
@@ -24,11 +25,11 @@ from desim_uav.optimum.run.trips import Payments, best_trips, follow_trips, trip
 from desim_uav.sample_path import draw
 from desim_uav.world import World
 
-ROUNDS = 200
-"""The number of times that prices are changed for each episode."""
+ROUNDS, FIRST_STEP = 200, 0.15
+"""The number of times that prices are changed for the first episode, and by how much at first."""
 
-FIRST_STEP = 0.15
-"""By how much prices change at first."""
+AFTERWARDS = 0.5
+"""The part of both for another episode, which begins with the prices of the one before."""
 
 EVERY, LANDING = 2.0, 1.0
 """The price of a landing at first, and how many steps before the end it begins to fall to 0."""
@@ -85,8 +86,8 @@ class BoundedAges:
 
     def age_at_least_s(self) -> float:
         """Return the bound of the mean age over sensors and episodes, in seconds."""
-        first, ages = self.first_prices(), []
-        for path in self.paths:
+        prices, ages = self.first_prices(), []
+        for episode, path in enumerate(self.paths):
             updates = updates_of(
                 path.requests,
                 self.sensors,
@@ -95,7 +96,8 @@ class BoundedAges:
                 self.world.step_us,
                 self.mbps,
             )
-            ages.append(self.highest(updates, first))
+            age, prices = self.highest(updates, prices, AFTERWARDS if episode else 1.0)
+            ages.append(age)
         each = self.world.step_us / 1e6 / (len(self.sensors) * self.steps)
         return max(0.0, float(np.mean(ages)) * each - SLACK_S)
 
@@ -107,14 +109,21 @@ class BoundedAges:
             landed[:, t] = LANDING * np.minimum(1.0, left / EVERY)
         return np.concatenate([landed.ravel(), near.ravel(), bits.ravel()])
 
-    def highest(self, updates: Updates, prices: NDArray[np.float64]) -> float:
-        """Return the highest bound of an episode that is found, in steps squared."""
+    def highest(
+        self, updates: Updates, prices: NDArray[np.float64], part: float
+    ) -> tuple[float, NDArray[np.float64]]:
+        """Return the highest bound of an episode that is found, in steps squared, and its prices.
+
+        The search begins with some prices, and takes a part of the rounds and of the first step.
+        """
 
         def bound_at(prices: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
             bound, slope = self.at_least(updates, prices)
             return -bound, -slope
 
-        return -lowest_with_own_steps(bound_at, prices, FIRST_STEP, self.rounds, self.on_work)
+        step, rounds = part * FIRST_STEP, math.ceil(part * self.rounds)
+        low, best = lowest_with_own_steps(bound_at, prices, step, rounds, self.on_work)
+        return -low, best
 
     def at_least(
         self, updates: Updates, prices: NDArray[np.float64]
@@ -145,6 +154,11 @@ class BoundedAges:
         """Return payments for nothing."""
         landed, near, bits = map(np.zeros, self.shapes)
         return Payments(landed, near, bits, updates.most)
+
+
+def rounds_of(rounds: int, episodes: int) -> int:
+    """Return in how many rounds prices are changed for all episodes together."""
+    return rounds + (episodes - 1) * math.ceil(AFTERWARDS * rounds)
 
 
 def _starts(world: World) -> list[tuple[int, int]]:

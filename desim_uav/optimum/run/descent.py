@@ -65,22 +65,23 @@ def lowest_with_own_steps(
     first_step: float,
     rounds: int,
     on_round: Callable[[], None],
-) -> float:
-    """Return the lowest bound that is found, beginning with some prices.
+) -> tuple[float, NDArray[np.float64]]:
+    """Return the lowest bound that is found, beginning with some prices, and its own prices.
 
     Each price has a step of its own, by its averaged subgradient and the mean of its squares
     (Adam: Kingma and Ba 2015). Steps are ``first_step`` at first and fall to 0 in so many rounds.
     It suits prices of which most are rarely paid.
     """
-    low, (fade, fade_squares) = np.inf, FADES
+    low, best, (fade, fade_squares) = np.inf, prices, FADES
     mean, squares = np.zeros_like(prices), np.zeros_like(prices)
     for number in range(1, rounds + 1):
         bound, slope = bound_at(prices)
-        low = min(low, bound)
+        if bound < low:
+            low, best = bound, prices
         mean = fade * mean + (1 - fade) * slope
         squares = fade_squares * squares + (1 - fade_squares) * slope**2
         whole = np.sqrt(squares / (1 - fade_squares**number)) * (1 - fade**number)
         step = first_step * (1.0 - number / rounds)
         prices = np.maximum(prices - step * mean / np.maximum(whole, 1e-12), 0.0)
         on_round()
-    return low
+    return low, best
