@@ -238,11 +238,8 @@ def find_optimum(
     from desim_uav.experiment.progress import progress as shown
 
     source = arguments.opened(scenario, overrides, seed, world_seed)
-    total, show = (
-        work_of(source.scenario, seeds, episodes),
-        progress and bounds_runs(source.scenario),
-    )
-    with source.located(), shown(show, total, ROUNDS_OF) as advance:
+    total, show = work_of(source.scenario, seeds, episodes), bounds_runs(source.scenario)
+    with source.located(), shown(progress and show, total, ROUNDS_OF) as advance:
         return Optimum(at_once(optimum, source.scenario, seeds, episodes, advance))
 
 

@@ -9,6 +9,7 @@ import desim_uav as du
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.errors import ScenarioError, UsageError
+from desim_uav.experiment.bounds import bounds, work_of
 from desim_uav.optimum.run.ages import BoundedAges
 from desim_uav.optimum.run.sensors import updates_of
 from desim_uav.optimum.run.trips import Payments, best_trips, follow_trips
@@ -153,6 +154,12 @@ def test_what_is_refused(key, value, named):
     plain = farm().model_dump(mode="json", exclude_unset=True)
     with pytest.raises(ScenarioError, match=named):
         du.find_bounds(plain, {key: value}, seeds=1, episodes=1)
+
+
+def test_progress_counts_the_rounds_of_all_episodes():
+    rounds: list[int] = []
+    bounds(farm(steps=3), [1, 2], 3, on_work=lambda: rounds.append(1))
+    assert len(rounds) == work_of(farm(), 2, 3) == 2 * (200 + 100 + 100)
 
 
 def test_more_prices_than_fit_in_memory_are_refused(monkeypatch):
