@@ -13,7 +13,7 @@ from desim_uav.city.extract import read_extract
 from desim_uav.city.itu import TALLEST
 from desim_uav.scenario.components import errors, strictly
 from desim_uav.scenario.fields import Height
-from desim_uav.scenario.section import Fraction, Section
+from desim_uav.scenario.section import Forms, Fraction, Section
 from desim_uav.shipped import shipped_extract
 
 Longitude = Annotated[float, Field(ge=-180, le=180)]
@@ -75,11 +75,16 @@ def _buildings(value: object, info: ValidationInfo) -> Any:
     if not isinstance(value, Mapping):
         raise ValueError("must be a mapping with a file, or with kind: itu; or null for none")
     keys = dict(value)
-    if "kind" in keys or ("file" not in keys and not {"alpha", "beta", "gamma"}.isdisjoint(keys)):
+    if _itu_or_file(keys) is BuildingsOfItu:
         return strictly(BuildingsOfItu, {"kind": "itu", **keys})
     if isinstance(keys.get("file"), str):
         keys["file"] = _absolute(keys["file"], (info.context or {}).get("base"))
     return strictly(BuildingsOfFile, keys)
+
+
+def _itu_or_file(keys: Mapping[str, Any]) -> type[Section]:
+    numbers = "file" not in keys and not {"alpha", "beta", "gamma"}.isdisjoint(keys)
+    return BuildingsOfItu if "kind" in keys or numbers else BuildingsOfFile
 
 
 def _absolute(file: str, base: Path | None) -> str:
@@ -88,4 +93,6 @@ def _absolute(file: str, base: Path | None) -> str:
     return path if own is None or Path(path).exists() else str(own)
 
 
-Buildings = Annotated[BuildingsOfFile | BuildingsOfItu, BeforeValidator(_buildings)]
+Buildings = Annotated[
+    BuildingsOfFile | BuildingsOfItu, Forms(_itu_or_file), BeforeValidator(_buildings)
+]

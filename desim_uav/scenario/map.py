@@ -31,7 +31,7 @@ from desim_uav.scenario.fields import (
     Side,
     rising,
 )
-from desim_uav.scenario.section import Section
+from desim_uav.scenario.section import Forms, Section
 
 SIDE_M = 2400.0
 """The side of the paper's map: radii that are not given are scaled to the shorter side of a map."""
@@ -76,10 +76,16 @@ def _obstacles(value: object) -> Any:
         return value
     if not isinstance(value, Mapping):
         raise ValueError("must be a mapping, or null for none")
-    return strictly(ListedObstacles if "cells" in value else DrawnObstacles, dict(value))
+    return strictly(_listed_or_drawn(value), dict(value))
 
 
-Obstacles = Annotated[DrawnObstacles | ListedObstacles, BeforeValidator(_obstacles)]
+def _listed_or_drawn(keys: Mapping[str, Any]) -> type[Section]:
+    return ListedObstacles if "cells" in keys else DrawnObstacles
+
+
+Obstacles = Annotated[
+    DrawnObstacles | ListedObstacles, Forms(_listed_or_drawn), BeforeValidator(_obstacles)
+]
 
 
 class NoFly(Section):

@@ -12,9 +12,8 @@ from desim_uav.errors import did_you_mean
 from desim_uav.registry import ComponentField, NameOr, names
 from desim_uav.scenario.components import Slot, as_field
 from desim_uav.scenario.draft import MAX_PROBLEMS, ScenarioDraft
-from desim_uav.scenario.map import DrawnObstacles, ListedObstacles
 from desim_uav.scenario.schema import Scenario
-from desim_uav.scenario.section import Section
+from desim_uav.scenario.section import Forms, Section
 from desim_uav.scenario.yaml12 import KeyPath
 
 
@@ -144,9 +143,9 @@ def _owner(parts: list[Any], value: object) -> Any:
     if slots:
         return {"": slots[0]} if dict in parts else slots[0]
     sections = [part for part in parts if _is_section(part)]
-    if ListedObstacles in sections:
-        listed = isinstance(value, Mapping) and "cells" in value
-        return ListedObstacles if listed else DrawnObstacles
+    forms = [part for part in parts if isinstance(part, Forms)]
+    if forms:
+        return forms[0].of(value if isinstance(value, Mapping) else {})
     if isinstance(value, list):  # whose items have further keys, of a section of their own
         sections.sort(key=lambda section: -len(section.model_fields))
     return next(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Self
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
@@ -11,6 +12,12 @@ from pydantic_core import CoreSchema
 from desim_uav.scenario.meanings import with_meanings
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class Forms(NamedTuple):
+    """Beside a union of sections: which of them has the keys of a mapping."""
+
+    of: Callable[[Mapping[str, Any]], type[Section]]
 
 
 class Section(BaseModel):
