@@ -81,13 +81,14 @@ def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.
             groups = range(parquet_file.num_row_groups)
             for rows in ([group] for group in groups) if groups else ([],):
                 table = parquet_file.read_row_groups(rows)
+                table.validate(full=True)
                 problem = misfit(columns, table)
                 if problem is not None:
                     raise PolicyError(f"{file}: {problem}")
                 yield as_frame(table, columns)
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
-        if isinstance(error, UnicodeDecodeError):
+        if isinstance(error, UnicodeDecodeError) or "Invalid UTF8" in reason:
             reason = "a text in it is not UTF-8"
         raise PolicyError(f"{file}: not a readable Parquet file: {reason}") from error
 

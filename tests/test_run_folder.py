@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -587,6 +588,17 @@ class TestReadBack:
         with pytest.raises(PolicyError, match=r"requests.parquet: ") as caught:
             read_counted(folder)
         assert len(str(caught.value).splitlines()) == 1
+
+    def test_a_text_that_is_not_utf8(self, folder):
+        """Nothing decodes it before it is needed, so the table is looked at as it is read."""
+        file = folder / "requests.parquet"
+        table = pq.read_table(file)
+        names = pa.array([b"down\xff\xfeload"] * len(table))
+        text = pa.Array.from_buffers(pa.string(), len(names), names.buffers())
+        place = table.schema.get_field_index("service")
+        pq.write_table(table.set_column(place, table.schema.field(place), text), file)
+        with pytest.raises(PolicyError, match=r"requests.parquet: .*: a text in it is not UTF-8$"):
+            read_counted(folder)
 
     def test_a_folder_in_place_of_a_table(self, folder):
         (folder / "requests.parquet").unlink()

@@ -198,6 +198,7 @@ def read_row(out: Path, columns: Mapping[str, str], job: str) -> JobRow | None:
         content = pa.BufferReader(content_of(out / RESULTS / f"{job}.parquet", MOST_BYTES))
         with pq.ParquetFile(content, page_checksum_verification=True) as file:
             table = file.read()
+        table.validate(full=True)
         schema = _schema(columns)
     except (OSError, ValueError, pa.ArrowException):
         return None
