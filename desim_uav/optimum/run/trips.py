@@ -97,6 +97,13 @@ def _heard(rates: Rates) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return first, np.nonzero(can_send)[1]
 
 
+@maker
+def _heard_on(trips: Trips, cell: int, k: int) -> NDArray[np.int64]:
+    """Return the sensors that can send on a leg from a cell."""
+    leg = cell * trips.ahead.shape[1] + k
+    return trips.heard[trips.first_heard[leg] : trips.first_heard[leg + 1]]
+
+
 class Plan(NamedTuple):
     """The best decisions of a drone, and what it earns by them.
 
@@ -139,8 +146,7 @@ def fill(
     """
     sent[:] = 0.0
     cell, k = leg
-    mbit, number = trips.mbit[cell, k], cell * trips.ahead.shape[1] + k
-    heard = trips.heard[trips.first_heard[number] : trips.first_heard[number + 1]]
+    mbit, heard = trips.mbit[cell, k], _heard_on(trips, cell, k)
     pieces, alike = len(mbit), True
     for u in heard:
         for p in range(1, pieces):
@@ -202,8 +208,7 @@ def _induce(trips: Trips, prices: Payments, plan: Plan) -> None:
                     continue
                 own = fill(trips, (c, k), prices.bits[:, t], prices.most[:, t], sent)
                 paid[:] = own
-                leg = c * ways + k
-                for u in trips.heard[trips.first_heard[leg] : trips.first_heard[leg + 1]]:
+                for u in _heard_on(trips, c, k):
                     for i in range(most * flights):
                         paid[i] += near[u, t, i]
                 flies_on, crashes = own + plan.lost[to], own + again
@@ -305,9 +310,8 @@ def _follow(
         k = -1 - k if crashes else k
         fill(trips, (cell, k), prices.bits[:, t], prices.most[:, t], sent)
         used.bits[:, t] += sent
-        leg = cell * trips.ahead.shape[1] + k
         if n > 0:
-            for u in trips.heard[trips.first_heard[leg] : trips.first_heard[leg + 1]]:
+            for u in _heard_on(trips, cell, k):
                 used.near[u, t, n - 1, m] += 1.0
         cell, n, t = trips.ahead[cell, k], (n - 1 if n > 0 else n), t + 1
         if crashes:
