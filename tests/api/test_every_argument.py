@@ -362,6 +362,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "bench_run.name": {"str": "mine", "NoneType": None},
     "bench_run.training_steps": {"int": 10, "NoneType": None},
     "track": {"str": "one"},
+    "bench_board.out": files(".md"),
     "bench_board.figure": files(".svg"),
     "bench_verify.receipts": files(".json"),
     "bench_board.receipts": {"str": lambda here: str(receipts(here)), "Path": receipts}
