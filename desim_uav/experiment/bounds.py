@@ -8,8 +8,7 @@ from typing import Any
 from desim_uav.experiment.statistics import estimate
 from desim_uav.optimum.gathering import gathers, refuse_other_gathering
 from desim_uav.optimum.paper_model import refuse_other_models
-from desim_uav.optimum.run import ages
-from desim_uav.optimum.run.ages import BoundedAges, rounds_of
+from desim_uav.optimum.run.ages import BoundedAges, rounds_in
 from desim_uav.optimum.run.bound import ROUNDS, BoundedRun
 from desim_uav.optimum.run.schedule import TURNS
 from desim_uav.scenario.schema import Scenario
@@ -30,7 +29,7 @@ AGES = ("age_at_least_s",)
 def work_of(scenario: Scenario, seeds: int, episodes: int) -> int:
     """Return how often ``bounds`` reports progress, at most."""
     if gathers(scenario):
-        return seeds * rounds_of(ages.ROUNDS, episodes)
+        return seeds * sum(map(rounds_in, range(episodes)))
     return seeds * (3 * ROUNDS + TURNS * episodes + episodes)
 
 

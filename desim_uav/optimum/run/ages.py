@@ -96,7 +96,8 @@ class BoundedAges:
                 self.world.step_us,
                 self.mbps,
             )
-            age, prices = self.highest(updates, prices, AFTERWARDS if episode else 1.0)
+            step = AFTERWARDS * FIRST_STEP if episode else FIRST_STEP
+            age, prices = self.highest(updates, prices, step, rounds_in(episode, self.rounds))
             ages.append(age)
         each = self.world.step_us / 1e6 / (len(self.sensors) * self.steps)
         return max(0.0, float(np.mean(ages)) * each - SLACK_S)
@@ -110,19 +111,18 @@ class BoundedAges:
         return np.concatenate([landed.ravel(), near.ravel(), bits.ravel()])
 
     def highest(
-        self, updates: Updates, prices: NDArray[np.float64], part: float
+        self, updates: Updates, prices: NDArray[np.float64], first_step: float, rounds: int
     ) -> tuple[float, NDArray[np.float64]]:
         """Return the highest bound of an episode that is found, in steps squared, and its prices.
 
-        The search begins with some prices, and takes a part of the rounds and of the first step.
+        The search begins with some prices, which it changes by ``first_step`` at first.
         """
 
         def bound_at(prices: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
             bound, slope = self.at_least(updates, prices)
             return -bound, -slope
 
-        step, rounds = part * FIRST_STEP, math.ceil(part * self.rounds)
-        low, best = lowest_with_own_steps(bound_at, prices, step, rounds, self.on_work)
+        low, best = lowest_with_own_steps(bound_at, prices, first_step, rounds, self.on_work)
         return -low, best
 
     def at_least(
@@ -156,9 +156,9 @@ class BoundedAges:
         return Payments(landed, near, bits, updates.most)
 
 
-def rounds_of(rounds: int, episodes: int) -> int:
-    """Return in how many rounds prices are changed for all episodes together."""
-    return rounds + (episodes - 1) * math.ceil(AFTERWARDS * rounds)
+def rounds_in(episode: int, rounds: int = ROUNDS) -> int:
+    """Return how often prices are changed for an episode, if ``rounds`` times for the first."""
+    return math.ceil(AFTERWARDS * rounds) if episode else rounds
 
 
 def _starts(world: World) -> list[tuple[int, int]]:
