@@ -3,19 +3,19 @@
 python analysis/harvest_schedule.py [small|medium] [--seeds 1] [--episodes 4] [--trials 10000]
                                     [--rounds 200]
 
-Flies forks of the exact engine in world 0, from the first seed of the track on. At first every
-drone repeats a trip of up to three legs from a station for the whole episode: one after the other,
-the drones get the station, the trip and the wait before it with which the mean age is lowest. Then
-commands are changed at random, in so many trials (simulated annealing): a change is kept if the
-mean age is lower, or with a probability that falls with its rise and with the trials. Prints the
-mean age of each seed, and a proven bound, for which prices are changed in so many rounds.
+Flies forks of the exact engine in world 0, from the first seed of the track on, and searches for
+plans by simulated annealing: a random change is kept if the mean age is lower, or with a
+probability that falls with its rise and with the trials. At first every drone repeats a trip of up
+to three legs from a station for the whole episode, and a change is another station, trip and wait
+before it for one drone. Then single commands are changed, in so many trials. Prints the mean age of
+each seed, and a proven bound, for which prices are changed in so many rounds.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import product
 
 import numpy as np
@@ -31,18 +31,23 @@ from desim_uav.scenario.load import load
 from desim_uav.shipped import bench_folder
 from desim_uav.world import World, build_world
 
-LEGS, WAITS, TURNS = 3, 4, 2
-"""The most legs of a trip that is repeated, how many waits before the first one are tried, and how
-often each drone chooses."""
+LEGS, WAITS, TRIPS = 3, 4, 20000
+"""The most legs of a trip that is repeated, how many waits before the first one are tried, and the
+trials in which trips are changed."""
 
-WARM_S, COLD_S = 0.1, 0.02
-"""A rise of the mean age by so much is kept with a probability of 1/e, at first and at the end."""
+TRIPS_S, COMMANDS_S, COLD_S = 5.0, 0.1, 0.02
+"""A rise of the mean age by so much is kept with a probability of 1/e: while trips are changed and
+while commands are changed, at first, and at the end of either."""
 
 EVERY = 6
 """The steps between the states from which plans are flown."""
 
 Plan = list[list[int]]
 """The commands of each drone, which takes the next one whenever it has a choice, then hovers."""
+
+Change = Callable[[int, list[int], int], tuple[list[int], int]]
+"""Returns other commands of a drone, and how many of them come before the change, given its number,
+its commands and how many of these it uses."""
 
 
 def main() -> None:
@@ -110,21 +115,38 @@ class Forks:
 
 def lowest(forks: Forks, trials: int) -> float:
     """Return the lowest mean age of an episode that the search reaches, in seconds."""
-    plan, rng = repeating(forks), np.random.default_rng(0)
-    age = low = forks.age_s(plan, [0] * forks.drones)
+    rng = np.random.default_rng(0)
+    trips = [list(trips_of(forks.world, drone)) for drone in range(forks.drones)]
+
+    def other_trip(drone: int, _commands: list[int], _count: int) -> tuple[list[int], int]:
+        return trips[drone][int(rng.integers(len(trips[drone])))], 0
+
+    def other_commands(_drone: int, commands: list[int], count: int) -> tuple[list[int], int]:
+        return variant(commands, count, forks.world, rng)
+
+    plan, _ = annealed(forks, [own[0] for own in trips], other_trip, TRIPS, TRIPS_S, rng)
+    return annealed(forks, plan, other_commands, trials, COMMANDS_S, rng)[1]
+
+
+def annealed(
+    forks: Forks, plan: Plan, change: Change, trials: int, warm_s: float, rng: Generator
+) -> tuple[Plan, float]:
+    """Return the best plan of so many random changes, and its mean age in seconds."""
+    age = forks.age_s(plan, [0] * forks.drones)
     forks.accept()
-    counts = forks.counts
+    counts, best, low = forks.counts, plan, age
     for trial in range(trials):
         other, alike = list(plan), list(counts)
         drone = int(rng.integers(forks.drones))
-        other[drone], alike[drone] = variant(plan[drone], counts[drone], forks.world, rng)
+        other[drone], alike[drone] = change(drone, plan[drone], counts[drone])
         other_age = forks.age_s(other, alike)
-        rise_s = COLD_S + (WARM_S - COLD_S) * (1.0 - trial / trials) ** 2
+        rise_s = COLD_S + (warm_s - COLD_S) * (1.0 - trial / trials) ** 2
         if other_age <= age or rng.random() < math.exp((age - other_age) / rise_s):
             plan, age, counts = other, other_age, forks.counts
-            low = min(low, age)
             forks.accept()
-    return low
+            if age < low:
+                best, low = plan, age
+    return best, low
 
 
 def variant(commands: list[int], count: int, world: World, rng: Generator) -> tuple[list[int], int]:
@@ -150,18 +172,6 @@ def variant(commands: list[int], count: int, world: World, rng: Generator) -> tu
         end = other.index(home, first) if home in other[first:] else first
         other[first : end + 1] = [*rng.integers(actions, size=rng.integers(1, 4)).tolist(), home]
     return other, first
-
-
-def repeating(forks: Forks) -> Plan:
-    """Return the best plan in which every drone repeats a trip."""
-    plan: Plan = [[] for _ in range(forks.drones)]
-    anew, low = [0] * forks.drones, math.inf
-    for _, drone in product(range(TURNS), range(forks.drones)):
-        for trips in trips_of(forks.world, drone):
-            age = forks.age_s([*plan[:drone], trips, *plan[drone + 1 :]], anew)
-            if age < low:
-                low, plan[drone] = age, trips
-    return plan
 
 
 def trips_of(world: World, drone: int) -> Iterator[list[int]]:
