@@ -18,7 +18,7 @@ from desim_uav import escaped
 from desim_uav.disk import write_at
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench import profile
-from desim_uav.experiment.bench.board import board, cell_of, number_of
+from desim_uav.experiment.bench.board import board, cell_of, number_of, same_runs
 from desim_uav.experiment.bench.score import Pairing, interquartile_mean, paired
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import FAMILIES, Task, find_task
@@ -298,7 +298,7 @@ def _others(rows: Sequence[Table]) -> Iterable[list[str]]:
             number_of(row["j_per_mbit"], 1),
             number_of(row["decision_ms"], 2),
             _trainings(row),
-            str(row["seeds"]),
+            f"{row['seeds']}{same_runs(row)}",
         ]
 
 

@@ -44,10 +44,8 @@ def list_tasks(arguments: dict[str, Any], as_json: bool) -> None:
         seeds = track["seeds"]
         tell(f"track {name}: {track['about']}; {len(seeds)} seeds, {seeds[0]} to {seeds[-1]}")
     budgets = ", ".join(f"{size} {steps:,}" for size, steps in rules["training_steps"].items())
-    tell(
-        f"per seed: {rules['episodes']} episodes after {rules['warmup']} of warm-up\n"
-        f"training: {rules['training_seeds']} seeds, at most so many steps each: {budgets}"
-    )
+    tell(f"per seed: {rules['episodes']} episodes after {rules['warmup']} of warm-up")
+    tell(f"training: {rules['training_seeds']} seeds, at most so many steps each: {budgets}")
 
 
 @made(bench_run, AS_JSON, NO_PROGRESS, NO_PLUGINS)

@@ -115,7 +115,9 @@ def test_a_kept_bound_is_the_one_that_is_computed_today(name):
 
 
 def test_the_list(cli):
-    assert "uav-v1/dispatch/large" in cli("bench", "list").out
+    listed = cli("bench", "list").out
+    assert "uav-v1/dispatch/large" in listed and "\\n" not in listed
+    assert listed.splitlines()[-1].startswith("training: 10 seeds")
     found = cli("bench", "list", "--json").json
     assert len(found["tasks"]) == 24
     assert found["protocol"]["tracks"]["any"]["seeds"][0] == 3_000_000

@@ -298,3 +298,19 @@ def test_a_competition_on_a_sealed_set(cli, tmp_path, monkeypatch):
     (table,) = cli("bench", "board", "table", "--revealed", "open", "--json").json
     assert table["rows"][0]["score"]["value"] != 0 and table["rows"][0]["all_seeds"] == 1
     cli("bench", "verify", "table").failed(4, "seal: it is", "--revealed")
+    forge(tmp_path / "open" / "references.csv", "qoe3_percent", 1.0)
+    forge(tmp_path / "open" / "bounds.csv", "qoe1_percent", 99.0)
+    forged = cli("bench", "verify", "table", "--revealed", "open")
+    assert forged.code == 6 and len(forged.err.splitlines()) == 2
+    assert "references.csv: seed" in forged.err and "qoe3_percent: it has 1.0, and" in forged.err
+    assert "bounds.csv: seed" in forged.err and "qoe1_percent: it has 99.0, and" in forged.err
+
+
+def forge(file, measure, value):
+    """Write another value of a measure, and the hash of the file, into a revealed set."""
+    rows = [line.split(",") for line in file.read_text(encoding="utf-8").splitlines()]
+    lines = [",".join([*row[:4], str(value)] if row[3] == measure else row) for row in rows]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    registry = json.loads((file.parent / "registry.json").read_text(encoding="utf-8"))
+    registry["files"][file.name] = hashlib.sha256(file.read_bytes()).hexdigest()
+    (file.parent / "registry.json").write_text(json.dumps(registry), encoding="utf-8")

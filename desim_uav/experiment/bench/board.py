@@ -123,12 +123,21 @@ def _row(submission: Submission, checks: Mapping[str, str]) -> dict[str, Any]:
         "training_steps": about.training_steps,
         "seeds": len(rows) // trainings,
         "all_seeds": len(submission.track.seeds),
+        "different_runs": max(len(each) for each in _digests(rows).values()),
         "listed": about.seeds,
         "score": interquartile_mean([matrix]) if matrix else None,
         "scores": matrix,
         **{one.name: _quartiles(rows, one.name, trainings) for one in measures},
         **{name: _mean(rows, name) for name in MEANS},
     }
+
+
+def _digests(rows: Sequence[Mapping[str, Any]]) -> dict[int, set[str]]:
+    """Return the digests of the runs of each training: where nothing is random, all are equal."""
+    digests: dict[int, set[str]] = {}
+    for row in rows:
+        digests.setdefault(row["training"], set()).add(row["digest"])
+    return digests
 
 
 def _distinct(submission: Submission) -> tuple[list[Any], int]:
@@ -265,13 +274,19 @@ def _line(row: dict[str, Any], measures: Sequence[str]) -> list[str]:
         escaped.markdown(row["information"]),
         row["checked"],
         _of(row["trainings"], TRAINING_SEEDS),
-        _of(row["seeds"], row["all_seeds"]),
+        _of(row["seeds"], row["all_seeds"]) + same_runs(row),
     ]
 
 
 def _name(row: dict[str, Any]) -> str:
     mark = " (knows the future: not a competitor)" if row["knows_future"] else ""
     return f"{escaped.markdown(row['policy'])}{mark}"
+
+
+def same_runs(row: Mapping[str, Any]) -> str:
+    """Return how many runs of a training differ, as words behind the number of seeds, or ""."""
+    different, seeds = row["different_runs"], row["seeds"]
+    return "" if different == seeds else f" ({different} different)"
 
 
 def cell_of(interval: Interval | None, digits: int) -> str:

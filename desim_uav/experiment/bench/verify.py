@@ -6,6 +6,7 @@ that came with the submission is run. Times of decisions cannot be checked.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from desim_uav.errors import DesimError
 from desim_uav.experiment.bench.bounds import less_crashes
 from desim_uav.experiment.bench.commands import Commands, decisions_sha256
-from desim_uav.experiment.bench.kept import bound_of
+from desim_uav.experiment.bench.kept import BOUNDS, bound_of, computed, kept
 from desim_uav.experiment.bench.measure import measure, replay
 from desim_uav.experiment.bench.run import about
 from desim_uav.experiment.bench.submission import Submission
@@ -25,6 +26,10 @@ FIXED = {"engine": ENGINE, "episodes": EPISODES, "warmup": WARMUP}
 OF_POLICY = ("information", "knows_future", "ceiling")
 """What a policy must still declare when it decides again. Its file may be another one: what counts
 is what it decides."""
+
+ALIKE = {BOUNDS: 1e-3}
+"""By how much values of a revealed set may differ from those that are computed anew, as a share: a
+bound is found by a descent, whose roundings depend on the processor."""
 
 
 def differences(
@@ -48,12 +53,36 @@ def differences(
         (task, track, row, commands, submission.about.ceiling, policies[row["training"]])
         for row, commands in zip(submission.rows, submission.commands, strict=True)
     ]
+    if track.folder is not None:
+        revealed = [(task, track, seed) for seed in dict.fromkeys(submission.about.seeds)]
+        with closing(run_each(of_set, revealed, jobs)) as ended:
+            lines_of = dict(ended)
+        listed += [line for number in sorted(lines_of) for line in lines_of[number]]
     lines: dict[int, list[str]] = {}
     with closing(run_each(of_seed, work, jobs)) as ended:
         for number, lines_of_run in ended:
             lines[number] = lines_of_run
             on_run()
     return listed + [line for number in sorted(lines) for line in lines[number]]
+
+
+def of_set(task: Task, track: BenchTrack, seed: int) -> list[str]:
+    """Return the references and bounds of a revealed set that are not those of its key.
+
+    The public ones have their hashes in the package, and whoever sends a revealed set could have
+    changed these.
+    """
+    assert track.folder is not None
+    run, lines = (task.name, track.name, seed), list[str]()
+    for file, values in computed(task, track, seed).items():
+        there = {key[3]: value for key, value in kept(file, track.folder).items() if key[:3] == run}
+        lines += [
+            f"{track.folder / file}: seed {seed}: {name}: it has {value!r}, and computed anew it "
+            f"is {_words(values.get(name))}"
+            for name, value in there.items()
+            if not math.isclose(value, values.get(name, math.nan), rel_tol=ALIKE.get(file, 0.0))
+        ]
+    return lines
 
 
 def of_seed(
