@@ -1,7 +1,9 @@
-"""``python .ci/release.py check|fill``: what a release lacks, and where addresses are filled in.
+"""``python .ci/release.py check|fill|links``: what a release lacks, and where addresses belong.
 
 ``check`` prints every reason why this checkout must not be published, one a line, and exits with 1
 if there is any. ``fill`` copies the addresses of ``publish.toml`` to the files that show them.
+``links`` lets README.md link to the files of this version in the repository, because a package
+index shows it without these files. It is for the packages alone and is not committed.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ PLACEHOLDER = "FILL IN"
 SHOWN = {"repository": "repository-code", "documentation": "url", "doi": "doi"}
 """The keys of ``publish.toml`` that CITATION.cff shows, and their names there."""
 ADDRESS = re.compile(r"https://\S+\.\S+")
+LINK = re.compile(r"(!?)\[([^][]*)\]\((?!https?:|#)([^()\s]+)\)")
+"""A link, or a picture, of another file of the repository."""
 FORMS = {
     "repository": ADDRESS,
     "documentation": ADDRESS,
@@ -27,15 +31,16 @@ FORMS = {
 
 def main(arguments: list[str], root: Path = ROOT) -> int:
     """Check or fill; return the exit code."""
-    if arguments not in (["check"], ["fill"]):
-        print("usage: python .ci/release.py check|fill", file=sys.stderr)
+    changes = {"fill": fill, "links": links}
+    if len(arguments) != 1 or arguments[0] not in ("check", *changes):
+        print("usage: python .ci/release.py check|fill|links", file=sys.stderr)
         return 2
-    if arguments == ["fill"]:
-        problems = [*unfilled(root)]
+    problems = [*unfilled(root)]
+    if change := changes.get(arguments[0]):
         if not problems:
-            fill(root)
+            change(root)
     else:
-        problems = [*unfilled(root), *unlike(root)]
+        problems += unlike(root)
     for problem in problems:
         print(problem, file=sys.stderr)
     return int(bool(problems))
@@ -82,11 +87,23 @@ def fill(root: Path) -> None:
     project = root / "pyproject.toml"
     text = project.read_text(encoding="utf-8")
     kept = re.sub(r"^\[project\.urls\]\n(?:\w+ = .*\n)+\n", "", text, flags=re.M)
-    links = "".join(f'{key.title()} = "{known[key]}"\n' for key in ("repository", "documentation"))
-    section = f"[project.urls]\n{links}\n"
+    urls = "".join(f'{key.title()} = "{known[key]}"\n' for key in ("repository", "documentation"))
+    section = f"[project.urls]\n{urls}\n"
     project.write_text(
         kept.replace("[project.scripts]", section + "[project.scripts]", 1), encoding="utf-8"
     )
+
+
+def links(root: Path) -> None:
+    """Let the links of README.md name the files of this version at the repository's address."""
+    readme, at = root / "README.md", addresses(root)["repository"].rstrip("/")
+
+    def absolute(link: re.Match[str]) -> str:
+        picture, words, file = link.groups()
+        kind = "raw" if picture else "blob"
+        return f"{picture}[{words}]({at}/{kind}/v{version_of(root)}/{file})"
+
+    readme.write_text(LINK.sub(absolute, readme.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def addresses(root: Path) -> dict[str, str]:

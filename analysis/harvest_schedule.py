@@ -1,22 +1,25 @@
 """How low can the mean age of the benchmark's `harvest` be? A schedule that knows the future.
 
 python analysis/harvest_schedule.py [small|medium] [--seeds 1] [--episodes 4] [--trials 10000]
-                                    [--rounds 200]
+                                    [--rounds 200] [-j 2]
 
 Flies forks of the exact engine in world 0, from the first seed of the track on, and searches for
 plans by simulated annealing: a random change is kept if the mean age is lower, or with a
 probability that falls with its rise and with the trials. At first every drone repeats a trip of up
 to three legs from a station for the whole episode, and a change is another station, trip and wait
-before it for one drone. Then single commands are changed, in so many trials. Prints the mean age of
-each seed, and a proven bound, for which prices are changed in so many rounds.
+before it for one drone. Every episode then begins with the best of the trips that were found in any
+of them, and single commands are changed, in so many trials. Prints the mean age of each seed, and a
+proven bound, for which prices are changed in so many rounds.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -24,6 +27,7 @@ from numpy.random import Generator
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.experiment.bench.tasks import TRACKS
+from desim_uav.experiment.processes import run_each
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.optimum.run.ages import ROUNDS, BoundedAges
 from desim_uav.sample_path import SamplePath, draw
@@ -58,16 +62,29 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=4)
     parser.add_argument("--trials", type=int, default=10000)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("-j", dest="jobs", type=int, default=1, help="episodes at a time")
     asked = parser.parse_args()
-    task = load(bench_folder() / f"harvest-{asked.size}.yaml")
-    world, ages, bounds = build_world(task, 0), [], []
+    ages, bounds = [], []
     for seed in TRACKS["one"].seeds[: asked.seeds]:
-        paths = [draw(world, seed, episode) for episode in range(asked.episodes)]
-        ages.append(np.mean([lowest(Forks(world, path), asked.trials) for path in paths]))
-        run = BoundedAges(world, seed, asked.episodes, asked.rounds)
+        episodes = [(asked.size, seed, episode) for episode in range(asked.episodes)]
+        plans = each_of(repeating, episodes, asked.jobs)
+        work = [(*one, plans, asked.trials) for one in episodes]
+        ages.append(np.mean(each_of(lowest, work, asked.jobs)))
+        run = BoundedAges(world_of(asked.size), seed, asked.episodes, asked.rounds)
         bounds.append(run.age_at_least_s())
         print(f"seed {seed}: {ages[-1]:.1f} s, no policy is below {bounds[-1]:.1f} s", flush=True)
     print(f"mean {np.mean(ages):.1f} s, {np.mean(ages) / np.mean(bounds) - 1:.1%} above the bound")
+
+
+def each_of(function: Callable[..., Any], work: Sequence[tuple[Any, ...]], jobs: int) -> list[Any]:
+    """Return the results of a function, of which so many are computed at a time."""
+    with closing(run_each(function, work, jobs)) as ended:
+        return [result for _, result in sorted(ended, key=lambda one: one[0])]
+
+
+def world_of(size: str) -> World:
+    """Return world 0 of a task."""
+    return build_world(load(bench_folder() / f"harvest-{size}.yaml"), 0)
 
 
 class Forks:
@@ -113,19 +130,34 @@ class Forks:
         return commands[at] if at < len(commands) else self.hover
 
 
-def lowest(forks: Forks, trials: int) -> float:
-    """Return the lowest mean age of an episode that the search reaches, in seconds."""
-    rng = np.random.default_rng(0)
-    trips = [list(trips_of(forks.world, drone)) for drone in range(forks.drones)]
+def repeating(size: str, seed: int, episode: int) -> Plan:
+    """Return the best plan of an episode that the search finds in which drones repeat trips."""
+    world = world_of(size)
+    rng = np.random.default_rng(episode)
+    trips = [list(trips_of(world, drone)) for drone in range(len(world.starts))]
 
     def other_trip(drone: int, _commands: list[int], _count: int) -> tuple[list[int], int]:
         return trips[drone][int(rng.integers(len(trips[drone])))], 0
 
-    def other_commands(_drone: int, commands: list[int], count: int) -> tuple[list[int], int]:
-        return variant(commands, count, forks.world, rng)
+    forks = Forks(world, draw(world, seed, episode))
+    return annealed(forks, [own[0] for own in trips], other_trip, TRIPS, TRIPS_S, rng)[0]
 
-    plan, _ = annealed(forks, [own[0] for own in trips], other_trip, TRIPS, TRIPS_S, rng)
-    return annealed(forks, plan, other_commands, trials, COMMANDS_S, rng)[1]
+
+def lowest(size: str, seed: int, episode: int, plans: Sequence[Plan], trials: int) -> float:
+    """Return the lowest mean age of an episode that the search reaches, in seconds.
+
+    It begins with the best of some plans.
+    """
+    world = world_of(size)
+    rng = np.random.default_rng(episode)
+    forks = Forks(world, draw(world, seed, episode))
+    anew = [0] * forks.drones
+
+    def other_commands(_drone: int, commands: list[int], count: int) -> tuple[list[int], int]:
+        return variant(commands, count, world, rng)
+
+    best = min(plans, key=lambda plan: forks.age_s(plan, anew))
+    return annealed(forks, best, other_commands, trials, COMMANDS_S, rng)[1]
 
 
 def annealed(

@@ -727,7 +727,11 @@ def test_a_schedule_of_harvest_has_the_age_of_a_run_and_becomes_better(monkeypat
     from_the_middle = forks.age_s(plan, [8, 6])
     assert len(forks.next_states) == 2 and forks.next_states[1] is forks.states[1]
     assert script.Forks(world, draw(world, 0, 0)).age_s(plan, [0, 0]) == from_the_middle < age
-    repeating = script.lowest(forks, 0)
-    assert repeating > script.lowest(forks, 100) > 0.0
+    monkeypatch.setattr(script, "world_of", lambda size: world)
+    of = ("small", 0, 0)
+    plans = [script.repeating(*of)]
+    first = script.lowest(*of, plans, 0)
+    assert first == forks.age_s(plans[0], [0, 0]) > script.lowest(*of, plans, 100) > 0.0
     monkeypatch.setattr(script, "TRIPS", 0)
-    assert script.lowest(forks, 0) > repeating
+    plans.append(script.repeating(*of))
+    assert script.lowest(*of, plans[1:], 0) > script.lowest(*of, plans, 0) == first

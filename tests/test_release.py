@@ -16,7 +16,14 @@ import yaml
 import desim_uav
 
 ROOT = Path(__file__).parents[1]
-FILES = ("publish.toml", "CITATION.cff", "CHANGELOG.md", "pyproject.toml", "desim_uav/__init__.py")
+FILES = (
+    "README.md",
+    "publish.toml",
+    "CITATION.cff",
+    "CHANGELOG.md",
+    "pyproject.toml",
+    "desim_uav/__init__.py",
+)
 FILLED = {
     "repository": "https://forge.test/owner/desim-uav",
     "documentation": "https://owner.test/desim-uav",
@@ -133,6 +140,21 @@ def test_what_was_forgotten(
     assert problems(copy, capsys, "fill") == []
     edit(copy / file, before, after)
     assert any(line.startswith(problem) for line in problems(copy, capsys))
+
+
+def test_links_of_the_readme_name_files_of_the_version(copy: Path):
+    """A package index shows the README without the files beside it."""
+    assert RELEASE.main(["links"], copy) == 1  # nothing is filled in
+    fill_in(copy)
+    there = (copy / "README.md").read_text(encoding="utf-8")
+    at, version = FILLED["repository"], desim_uav.__version__
+    for _ in "twice":
+        assert RELEASE.main(["links"], copy) == 0
+        text = (copy / "README.md").read_text(encoding="utf-8")
+        assert f"]({at}/raw/v{version}/docs/replay.gif)" in text
+        assert f"[Speed]({at}/blob/v{version}/docs/speed.md)" in text
+        assert {link.partition(":")[0] for link in re.findall(r"\]\(([^)]+)\)", text)} == {"https"}
+    assert len(re.findall(r"\]\(", text)) == len(re.findall(r"\]\(", there)) > 10
 
 
 def test_other_words_are_refused(capsys: pytest.CaptureFixture[str]):
