@@ -186,12 +186,18 @@ def shared_mobility(groups: Sequence[UserGroup]) -> Mobility | None:
     return first if alone and all(other == first for other in others) else None
 
 
+def _street_files(scenario: Scenario) -> Iterator[Streets]:
+    """Yield how the users of each group move who go along streets."""
+    for keys in scenario.user_groups:
+        if isinstance(keys.mobility, Streets):
+            yield keys.mobility
+
+
 def streets_of(scenario: Scenario) -> list[tuple[tuple[float, float], ...]]:
     """Return the streets along which users of any group go, as lines of points in metres."""
-    lines = {
-        line
-        for keys in scenario.user_groups
-        if isinstance(keys.mobility, Streets)
-        for line in keys.mobility.lines()
-    }
-    return sorted(lines)
+    return sorted({line for streets in _street_files(scenario) for line in streets.lines()})
+
+
+def whose_streets(scenario: Scenario) -> list[str]:
+    """Return the attributions of the files that have these streets."""
+    return [streets.attribution for streets in _street_files(scenario)]

@@ -14,6 +14,7 @@ from desim_uav.commands import Commands, commands_for
 from desim_uav.copies import Unchanging
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
+from desim_uav.geodata.attribution import together
 from desim_uav.links import Links, links_of
 from desim_uav.model.backhaul import Backhaul
 from desim_uav.model.catalogue import Catalogue
@@ -36,7 +37,7 @@ from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.facts import Pairs, as_html, as_text
 from desim_uav.scenario.processor import Processor
 from desim_uav.scenario.schema import Scenario
-from desim_uav.user_group import UserGroup, groups_of, shared_mobility
+from desim_uav.user_group import UserGroup, groups_of, shared_mobility, whose_streets
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,6 +385,11 @@ class World(Unchanging):
     def charging(self) -> Charging | None:
         """How the stations charge; None if batteries are unlimited."""
         return self.scenario.charging
+
+    @property
+    def attribution(self) -> str:
+        """Whose data the buildings and the streets of the map are; "" if no file says so."""
+        return together([self.grid.city.attribution, *whose_streets(self.scenario)])
 
     @property
     def in_joules(self) -> bool:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections import Counter
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,9 @@ DIAMETERS = {
 
 ABOVE, SQUARE, MOST_SQUARES = 20, 7, 8
 """How far above a drone its tasks are drawn, and the pixels of each; of more, there is a number."""
+
+ACROSS = 100
+"""The characters of a line that says whose data the map has."""
 
 LOW = 0.2
 """The share of a battery at and below which it is shown in red."""
@@ -108,6 +112,7 @@ class Painter:
         frame = self.background.copy()
         frame.paste(picture, self.corner)
         draw = ImageDraw.Draw(frame)
+        self._write_attribution(draw)
         self._write_time(draw, snapshot, title)
         self._write_measures(draw, scene)
         self._write_users(draw, Counter(states))
@@ -215,6 +220,13 @@ class Painter:
         points = self.world.scenario.access_points if queues else ()
         for queue, point in zip(queues[len(where) :], points, strict=True):
             _draw_queue(draw, *self._pixel(*point.at_m), queue, INK)
+
+    def _write_attribution(self, draw: ImageDraw.ImageDraw) -> None:
+        """Write whose data the map has in the corner of the map."""
+        if text := textwrap.fill(self.world.attribution, ACROSS):
+            look: dict[str, Any] = {"anchor": "rd", "align": "right", "stroke_fill": WHITE}
+            corner = WIDTH - PANEL - 4, HEIGHT - 3
+            draw.text(corner, text, GREY, font(10), stroke_width=2, **look)
 
     def _write_time(self, draw: ImageDraw.ImageDraw, snapshot: Snapshot, title: str) -> None:
         """Write the clock and the progress of the episode."""

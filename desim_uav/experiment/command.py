@@ -234,8 +234,8 @@ def record_episodes(
         "finished": now(),
         "versions": versions(),
     }
-    if world.grid.city.attribution:
-        manifest["attribution"] = world.grid.city.attribution
+    if world.attribution:
+        manifest["attribution"] = world.attribution
     manifest |= {"name": how.name} if how.name else {}
     entries = {key: manifest[key] for key in NAMED if key in manifest}
     return Recorded(prepared, manifest, entries | tally.headline(), tally.groups())

@@ -188,7 +188,7 @@ def provenance_facts(run: Reported) -> list[tuple[str, Any]]:
         ("command", command_of(run)),
         ("begun", manifest.get("started")),
         ("ended", manifest.get("finished")),
-        ("data of the buildings", manifest.get("attribution")),
+        ("data of the map", manifest.get("attribution")),
         ("scenario, SHA-256", manifest.get("scenario_hash")),
         *version_facts([run]),
     ]

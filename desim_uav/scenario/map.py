@@ -15,6 +15,7 @@ from pydantic import (
     model_validator,
 )
 
+from desim_uav.geodata.attribution import together
 from desim_uav.model.geometry.city import NO_CITY, City
 from desim_uav.model.geometry.polygons import MOST_CORNERS, checked
 from desim_uav.scenario.buildings import Buildings, BuildingsOfFile, BuildingsOfItu
@@ -160,8 +161,7 @@ class Map(Section):
         city = read_city(own.file, self.size_m, own.origin, own.height_m)
         if own.attribution is None:
             return city
-        words = [own.attribution, *filter(None, [city.attribution])]
-        return replace(city, attribution="; ".join(dict.fromkeys(words)))
+        return replace(city, attribution=together([own.attribution, city.attribution]))
 
     @property
     def drawn_up_to_m(self) -> float | None:

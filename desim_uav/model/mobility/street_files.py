@@ -32,34 +32,44 @@ CLOSED = {"no", "private", "customers", "permit"}
 """Values of tags of access with which a street is left out."""
 
 
-def ways_of(file: Path, driving: bool, offset_m: Point, origin: Point | None) -> list[StreetWay]:
-    """Return the ways of a file for cars or for pedestrians, in metres on the map.
+def ways_of(
+    file: Path, driving: bool, offset_m: Point, origin: Point | None
+) -> tuple[list[StreetWay], str]:
+    """Return the ways of a file for cars or for pedestrians, in metres on the map, and whose data.
 
     ``origin`` is the longitude and latitude of the map's south-western corner, in degrees.
     Raises ValueError with the file and, if one is at fault, the line or feature.
     """
     dx, dy = offset_m
-    ways = _ways(file, driving, origin, version_of(file))
-    return [StreetWay(tuple((x + dx, y + dy) for x, y in way.points), way.one_way) for way in ways]
+    ways, attribution = _ways(file, driving, origin, version_of(file))
+    return [
+        StreetWay(tuple((x + dx, y + dy) for x, y in way.points), way.one_way) for way in ways
+    ], attribution
 
 
 @lru_cache(maxsize=4)
-def _ways(file: Path, driving: bool, origin: Point | None, version: Version) -> list[StreetWay]:
-    """Return the ways of a file at this version."""
+def _ways(
+    file: Path, driving: bool, origin: Point | None, version: Version
+) -> tuple[list[StreetWay], str]:
+    """Return the ways of a file at this version, and whose data they are."""
     content = bytes_of(file)
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
     if start.startswith(b"<") and b"<osm" not in start[:2000]:
         net = read_net(file, driving)
         if origin is not None:
             raise ValueError(f"{file}: origin: a network of SUMO is in metres; it has no origin")
-        return net
-    lines = list(_of_osm(file, content) if start.startswith(b"<") else _of_geojson(file, content))
+        return net, ""
+    if start.startswith(b"<"):
+        lines, attribution = list(_of_osm(file, content)), osm.LICENCE
+    else:
+        features, attribution = geojson.read(file, content)
+        lines = list(_of_geojson(features))
     if origin is None:
         raise ValueError(
             f"{file}: its places are longitudes and latitudes; write origin: [longitude, "
             "latitude], the south-western corner of the map"
         )
-    return list(_open_to(lines, driving, Projection(*origin)))
+    return list(_open_to(lines, driving, Projection(*origin))), attribution
 
 
 Line = tuple[list[Point], Mapping[str, str]]
@@ -82,9 +92,9 @@ def _of_osm(file: Path, content: bytes) -> Iterator[Line]:
         yield part, way.tags
 
 
-def _of_geojson(file: Path, content: bytes) -> Iterator[Line]:
+def _of_geojson(features: Iterable[geojson.Feature]) -> Iterator[Line]:
     """Yield the lines of GeoJSON; one without a tag ``highway`` is open to all."""
-    for name, geometry, tags in geojson.read(file, content).features:
+    for name, geometry, tags in features:
         places = geometry.get("coordinates")
         if geometry["type"] == "LineString":
             yield _line(name, places), tags

@@ -77,6 +77,8 @@ class Streets(RowMobility):
 
     version: str = field(init=False, repr=False)
     """The digest of the file."""
+    attribution: str = field(init=False, repr=False, compare=False)
+    """Whose data the streets are; "" if the file does not say so."""
     stationary: int = field(init=False, repr=False, compare=False)
     longest_s: float = field(init=False, repr=False, compare=False)
     """No way and the pause after it take longer together, in seconds."""
@@ -114,7 +116,7 @@ class Streets(RowMobility):
 
     def __post_init__(self) -> None:
         """Read the file. Raises ValueError with its name if it has no such streets."""
-        ways = ways_of(self.file, self.by == "driving", self.offset_m, self.origin)
+        ways, whose = ways_of(self.file, self.by == "driving", self.offset_m, self.origin)
         if self.cut_at_m is not None:
             ways = cut(ways, Area(*self.cut_at_m))
         try:
@@ -125,6 +127,7 @@ class Streets(RowMobility):
         x_m, y_m = graph.places_m.T
         values = {
             "version": version_of(self.file)[1],
+            "attribution": whose,
             "stationary": int(self.start == "stationary"),
             "longest_s": longest_m / self.speed_mps[0] + self.pause_s[1],
             "left_out_m": left_out_m,

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from desim_uav.errors import NoEventsError, PolicyError
 from desim_uav.model.rules import US
 from desim_uav.report.figures.map import (
+    attribute,
     centre_m,
     draw_buildings,
     draw_cells,
@@ -59,6 +60,7 @@ def case_picture(
     draw_streets(axes, run.world)
     buildings = draw_buildings(axes, world)
     draw_cells(axes, world)
+    attribute(axes, run.world)
     draw_clusters(axes, world)
     draw_stations(axes, world)
     draw_zones(axes, run.world)

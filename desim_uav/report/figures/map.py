@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +22,9 @@ POINT = "0.15"
 
 NO_FLIGHT: dict[str, Any] = {"facecolor": "none", "edgecolor": "#C00000", "linewidth": 1.2}
 """The edges of zones without flights, and their hatching."""
+
+ACROSS = 48
+"""The characters of a line that says whose data a map shows."""
 
 STATION: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "linewidth": 1.4}
 
@@ -57,15 +61,21 @@ def draw_buildings(axes: Axes, world: dict[str, Any]) -> Any:
 
 
 def _draw_city(axes: Axes, city: dict[str, Any]) -> Any:
-    """Draw footprints, those of taller buildings darker, and whose data they are."""
+    """Draw footprints, those of taller buildings darker."""
     footprints = PolyCollection(
         city["pieces_m"], array=city["roofs_m"], cmap="Greys", alpha=0.75, edgecolor="face"
     )
     footprints.set(linewidth=0.2, clim=(0, max(city["roofs_m"])))
     axes.add_collection(footprints, autolim=False)
-    corner = {"transform": axes.transAxes, "ha": "right", "va": "bottom"}
-    axes.text(0.995, 0.005, city["attribution"], corner, fontsize=5)
     return footprints
+
+
+def attribute(axes: Axes, world: World) -> None:
+    """Write whose data a map shows in its corner."""
+    look: dict[str, Any] = {"fontsize": 5, "ha": "right", "va": "bottom", "zorder": 6}
+    look["bbox"] = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 0.5}
+    text = textwrap.fill(world.attribution, ACROSS)
+    axes.text(0.995, 0.005, text, transform=axes.transAxes, **look).set_in_layout(False)
 
 
 def draw_streets(axes: Axes, world: World) -> None:

@@ -22,7 +22,13 @@ from desim_uav.model.observations import common_features
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.model.rules import Action, Choice, Variant, kind_of, move_of
 from desim_uav.policies.tabular import Greedy, QTable
-from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
+from desim_uav.report.figures.map import (
+    attribute,
+    draw_cells,
+    draw_field,
+    draw_stations,
+    mark_cells,
+)
 from desim_uav.report.figures.style import grid_of, headed, styled
 from desim_uav.run_folder import world_content, world_hash
 from desim_uav.scenario.load import loads
@@ -80,6 +86,7 @@ def policy_figure(
         draw_stations(axes, world, size=150, facecolor="none")
         _draw_actions(axes, read, slice_)
         axes.set_title(f"drone {number}")
+    attribute(panels[-1], read.world)
     headed(figure, _title(read, battery_min, level))
     figure.colorbar(image, ax=panels, shrink=0.8, label="value of the best action")
     figure.legend(handles=_legend(slices, read), loc="outside lower center", ncols=4)

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from desim_uav.model.rules import US
 from desim_uav.palette import drone_colour
-from desim_uav.report.figures.map import draw_cells, draw_zones, mark_buildings
+from desim_uav.report.figures.map import attribute, draw_cells, draw_zones, mark_buildings
 from desim_uav.report.figures.radio import INK, MAST, SHADES
 from desim_uav.report.figures.style import MOST_NAMED, Figure, grid_of, headed, styled
 from desim_uav.report.levels import LinksInTime
@@ -46,6 +46,7 @@ def map_figure(run: Run | Path, episode: int | None = None, minute: float | None
     for axes, kind in zip(panels, kinds, strict=True):
         _draw(axes, run, frame, kind, minute is None)
     _mark(panels, run, episode, minute)
+    attribute(panels[-1], run.world)
     headed(figure, _heading(run, episode, minute))
     handles = [*_patches(run, frame), *panels[0].get_legend_handles_labels()[0]]
     if handles:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from itertools import pairwise, product
 from pathlib import Path
@@ -19,7 +20,7 @@ from desim_uav.engine.base import UserState
 from desim_uav.model.rules import US, Mode
 from desim_uav.palette import USERS
 from desim_uav.report.figures.case import case_picture
-from desim_uav.report.figures.map import NO_FLIGHT, POINT, centre_m, zone_words
+from desim_uav.report.figures.map import ACROSS, NO_FLIGHT, POINT, centre_m, zone_words
 from desim_uav.report.figures.style import Figure, drone_look, named, styled
 from desim_uav.report.links import point_rings_m, rings_m, shade
 from desim_uav.report.playback import Moment, Playback
@@ -92,12 +93,12 @@ def snapshot_figure(
     for artist in (*axes.lines, *axes.collections):
         artist.set_clip_on(False)  # the axes are narrower than the map that they show
     figure.suptitle(f"{run.name}, episode {episode}, minute {t_us / US / 60:g}", fontsize=9.5)
-    _lay_out(figure, axes)
+    _lay_out(figure, axes, run.world.attribution)
     return figure
 
 
-def _lay_out(figure: Figure, axes: Any) -> None:
-    """Stack title, map and legend; make the figure so large that none covers or leaves another.
+def _lay_out(figure: Figure, axes: Any, attribution: str) -> None:
+    """Stack title, map, legend and whose data the map has, and make the figure as large as these.
 
     The size of the map stays as it is, because labels of ticks reach differently far from it.
     """
@@ -114,10 +115,14 @@ def _lay_out(figure: Figure, axes: Any) -> None:
             break
         legend.remove()
     width = max(most, size.width + 2 * MARGIN)
-    height = size.height + around.height + TITLE + 2 * MARGIN
-    left, bottom = (width - around.width) / 2 - around.x0, size.height + 2 * MARGIN - around.y0
+    text = textwrap.fill(attribution, 3 * ACROSS)
+    whose = figure.text(0.0, 0.0, text, fontsize=5, ha="right", va="bottom")
+    low = MARGIN + (whose.get_window_extent().transformed(dots).height if text else 0.0)
+    height = low + size.height + around.height + TITLE + MARGIN
+    left, bottom = (width - around.width) / 2 - around.x0, low + size.height + MARGIN - around.y0
     figure.set_size_inches(width, height)
-    legend.set_bbox_to_anchor((0.5, MARGIN / height))
+    legend.set_bbox_to_anchor((0.5, low / height))
+    whose.set_position((1.0 - MARGIN / width, 0.3 * MARGIN / height))
     axes.set_position((left / width, bottom / height, BOX[0] / width, BOX[1] / height))
     figure.texts[0].set_y(1.0 - MARGIN / height)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.report.figures.map import (
+    attribute,
     draw_cells,
     draw_field,
     draw_stations,
@@ -50,6 +51,7 @@ def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None
         draw_zones(axes, run.world)
         draw_stations(axes, world, size=36)
         axes.set_title(f"{run.drone_name(number)}: {minutes[number].sum():.1f} min")
+    attribute(panels[-1], run.world)
     which = f"episode {episode}" if episode is not None else f"mean of {len(episodes)} episode(s)"
     headed(figure, f"Serving flight. {run.name}, {which}")
     figure.colorbar(image, ax=panels, shrink=0.8, label="serving flight, min per episode")

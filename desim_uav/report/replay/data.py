@@ -318,7 +318,7 @@ class Encoder:
                 ],
                 "streets": [np.round(line, 1).tolist() for line in streets_of(scenario)],
                 "buildings": buildings_of(self.run.world.grid.city),
-                "attribution": self.run.world.grid.city.attribution,
+                "attribution": self.run.world.attribution,
                 "zones": [
                     {"polygon_m": zone.polygon_m, "altitude_m": zone.altitude_m}
                     for zone in scenario.map.no_fly

@@ -303,7 +303,7 @@ def test_streets_of_openstreetmap(tmp_path: Path):
     )
     assert min(on_foot.x_m) == pytest.approx(71.6957, abs=1e-3)
     assert min(on_foot.y_m) == pytest.approx(111.229, abs=1e-3)
-    ways = ways_of(file, True, (0.0, 0.0), (10.0, 50.0))
+    ways, _ = ways_of(file, True, (0.0, 0.0), (10.0, 50.0))
     assert [way.one_way for way in ways] == [False, True]
     north, east = ways[1].points[0], ways[1].points[1]
     assert north == pytest.approx((71.694, 111.229), abs=0.01) and east[1] == pytest.approx(
@@ -328,7 +328,7 @@ def test_streets_of_geojson(tmp_path: Path):
     file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     model = Streets(file, origin=(0.0, 0.0))
     assert model.ends_m[-1] == pytest.approx(111.3195 + 110.5743, abs=0.01)
-    assert len(ways_of(file, True, (0.0, 0.0), (0.0, 0.0))) == 3
+    assert len(ways_of(file, True, (0.0, 0.0), (0.0, 0.0))[0]) == 3
     features[0]["geometry"]["coordinates"] = [[[0, 0], [1, "a"]]]
     file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     with pytest.raises(ValueError, match=r"feature 0: a line is a list of places"):

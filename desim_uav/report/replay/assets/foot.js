@@ -1,5 +1,5 @@
 // The foot of a map, under which no map is drawn: the scale bar, the wind, the key of the heat map,
-// and whose data the buildings are.
+// and whose data the map has.
 
 import { heatPart } from "./heat.js";
 import { FONT } from "./palette.js";
@@ -49,7 +49,7 @@ export function drawFoot(scene) {
   }
 }
 
-/** Whose data the buildings are. */
+/** Whose data the map has. */
 function sourcePart({ ctx, theme, run }) {
   const text = run.map.attribution;
   if (!text) return null;
