@@ -27,6 +27,7 @@ from desim_uav.model.services import (
     rate_of,
     terms_of,
 )
+from desim_uav.scenario.buildings import BuildingsOfItu
 from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
 from desim_uav.scenario.users import Users
@@ -145,9 +146,14 @@ def places_are_in_metres(scenario: Scenario) -> Iterator[str]:
 
 
 def buildings_are_known(scenario: Scenario) -> Iterator[str]:
-    """Yield what was assumed of the buildings of a file, and what was left out."""
+    """Yield what was assumed of buildings and left out, and what a synthetic city does not give."""
     for words in scenario.map.city_of_file.notices:
         yield f"map.buildings: {words}"
+    if isinstance(scenario.map.buildings, BuildingsOfItu):
+        yield (
+            "map.buildings: kind: itu: the share of links with line of sight does not follow the "
+            "curve of al_hourani"
+        )
 
 
 def zones_stand_in_the_way(scenario: Scenario) -> Iterator[str]:

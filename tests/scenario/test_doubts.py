@@ -317,3 +317,11 @@ def test_a_band_for_uploads_that_nothing_uses():
     told += "services: {see: {kind: compute, input_mbit: [1], cycles_per_bit: [9]}}\n"
     told += "demand: {kind: dynamic, mix: {see: 1}}\nreward: {kind: coverage_battery}\n"
     assert not list(doubts(loads(told)))
+
+
+def test_a_synthetic_city_does_not_give_the_curve_of_al_hourani():
+    city = "map: {buildings: {kind: itu, alpha: 0.3, beta: 300, gamma: 12}}"
+    assert list(doubts(loads(city))) == [
+        "map.buildings: kind: itu: the share of links with line of sight does not follow the "
+        "curve of al_hourani"
+    ]
