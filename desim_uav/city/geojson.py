@@ -19,11 +19,15 @@ def read(file: Path, content: bytes) -> Extract:
     otherwise all polygons are.
     """
     features, attribution = geojson.read(file, content)
-    polygons = [one for one in features if one.geometry["type"] in ("Polygon", "MultiPolygon")]
+    polygons = [
+        (name, own, tags)
+        for name, geometries, tags in features
+        if (own := [one for one in geometries if one["type"] in ("Polygon", "MultiPolygon")])
+    ]
     tagged = any(_is(tags, BUILDING) or _is(tags, PART) for _, _, tags in polygons)
     elements = [
-        Element(name, list(_groups(name, geometry)), tags, _is(tags, PART))
-        for name, geometry, tags in polygons
+        Element(name, [group for one in own for group in _groups(name, one)], tags, _is(tags, PART))
+        for name, own, tags in polygons
         if not tagged or _is(tags, BUILDING) or _is(tags, PART)
     ]
     others = len(features) - len(elements)

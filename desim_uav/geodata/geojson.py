@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -12,12 +13,21 @@ from desim_uav.errors import in_short
 MOST_DIGITS = 300
 """A whole number with more of them may be beyond the largest floating-point number."""
 
+SIMPLE = "Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon"
+"""The types of geometries that have coordinates."""
+
+COLLECTION = "GeometryCollection"
+"""The type of a geometry that has others."""
+
+WGS84 = re.compile(r"(?:.*[:/#])?(?:CRS84|4326)", re.IGNORECASE)
+"""The names of the coordinate reference system of GeoJSON, in any authority's form."""
+
 
 class Feature(NamedTuple):
-    """The name of a feature in messages, its geometry, and its properties as texts."""
+    """The name of a feature in messages, its simple geometries, and its properties as texts."""
 
     name: str
-    geometry: dict[str, Any]
+    geometries: list[dict[str, Any]]
     tags: dict[str, str]
 
 
@@ -31,6 +41,7 @@ class GeoJson(NamedTuple):
 def read(file: Path, content: bytes) -> GeoJson:
     """Return what a file has. Raises ValueError with the file and the feature."""
     data = _parsed(file, content)
+    _require_wgs84(str(file), data)
     attribution = data.get("attribution") or data.get("copyright") or ""
     return GeoJson(list(_features(file, data)), attribution if isinstance(attribution, str) else "")
 
@@ -72,12 +83,47 @@ def _features(file: Path, data: dict[str, Any]) -> Iterator[Feature]:
             raise ValueError(f"{where}: must be an object")
         if "id" in feature:
             where += f" ({str(feature['id'])[:60]})"
+        _require_wgs84(where, feature)
         geometry, tags = feature.get("geometry"), feature.get("properties") or {}
         if geometry is None:
             continue
-        if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
-            raise ValueError(f"{where}: geometry: must be an object with a type")
         if not isinstance(tags, dict):
             raise ValueError(f"{where}: properties: must be an object")
         texts = {key: str(value) for key, value in tags.items() if value is not None}
-        yield Feature(where, geometry, texts)
+        yield Feature(where, _simple(where, geometry), texts)
+
+
+def _simple(where: str, geometry: Any) -> list[dict[str, Any]]:
+    """Return a geometry, or those of a collection, which may hold collections."""
+    left, simple = [geometry], []
+    while left:
+        one = left.pop()
+        kind = one.get("type") if isinstance(one, dict) else None
+        if kind != COLLECTION and kind not in SIMPLE:
+            raise ValueError(
+                f"{where}: geometry: type: {in_short(repr(kind))}: must be one of "
+                f"{', '.join(SIMPLE)} and {COLLECTION}"
+            )
+        _require_wgs84(where, one)
+        if kind != COLLECTION:
+            simple.append(one)
+            continue
+        members = one.get("geometries")
+        if not isinstance(members, list):
+            raise ValueError(f"{where}: geometries: must be a list")
+        left += reversed(members)
+    return simple
+
+
+def _require_wgs84(where: str, of: dict[str, Any]) -> None:
+    """Raise ValueError if an object has a ``crs``, as GeoJSON once could, other than WGS 84."""
+    crs = of.get("crs")
+    if crs is None:
+        return
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    if not isinstance(name, str) or not WGS84.fullmatch(name):
+        raise ValueError(
+            f"{where}: crs: {in_short(crs if name is None else name)}: places must be longitudes "
+            "and latitudes of WGS 84 (CRS84 or EPSG:4326); convert the file to it"
+        )

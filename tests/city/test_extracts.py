@@ -340,3 +340,80 @@ def test_an_extract_without_a_map_is_a_city(tmp_path: Path) -> None:
     extract = read_extract(osm(tmp_path / "b.osm"))
     assert len(extract.elements) == 4
     assert len(city_of(extract, (100.0, 100.0), FLAT, 8.0).pieces_m) >= 6
+
+
+def collection(file: Path, *geometries: dict[str, Any], **more: Any) -> Path:
+    feature = {
+        "type": "Feature",
+        "properties": {"building": "yes", "height": 9},
+        "geometry": {"type": "GeometryCollection", "geometries": geometries},
+    }
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": [feature], **more}))
+    return file
+
+
+def polygon(*place: float) -> dict[str, Any]:
+    return {"type": "Polygon", "coordinates": [box(*place)]}
+
+
+def test_polygons_of_a_collection_are_one_building(tmp_path: Path) -> None:
+    nested = {"type": "GeometryCollection", "geometries": [polygon(60, 60, 10, 20)]}
+    door = {"type": "Point", "coordinates": [0, 0]}
+    file = collection(tmp_path / "a.geojson", polygon(10, 10, 20, 20), door, nested)
+    assert len(read_extract(file).elements) == 1
+    built = city(file)
+    assert areas(built) == {9.0: pytest.approx(600, abs=0.1)}
+    assert not built.notices
+
+
+@pytest.mark.parametrize(
+    ("geometry", "problem"),
+    [
+        ({"type": "polygon"}, r"feature 0: geometry: type: 'polygon': must be one of Point, Multi"),
+        ({"type": []}, r"feature 0: geometry: type: \[\]: must be one of"),
+        ({"type": "GeometryCollection"}, "feature 0: geometries: must be a list"),
+        ([], "feature 0: geometry: type: None: must be one of"),
+    ],
+)
+def test_geometries_that_are_none_are_refused(tmp_path: Path, geometry: Any, problem: str) -> None:
+    file = collection(tmp_path / "a.geojson", polygon(0, 0, 9, 9), geometry)
+    with pytest.raises(ValueError, match=problem):
+        read_extract(file)
+
+
+def crs(name: object) -> dict[str, Any]:
+    return {"crs": {"type": "name", "properties": {"name": name}}}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "urn:ogc:def:crs:OGC:1.3:CRS84",
+        "EPSG:4326",
+        "urn:ogc:def:crs:EPSG::4326",
+        "http://www.opengis.net/def/crs/OGC/1.3/CRS84",
+    ],
+)
+def test_a_legacy_crs_that_is_wgs84_changes_nothing(tmp_path: Path, name: str) -> None:
+    house = ([box(10, 10, 20, 20)], {"height": 9})
+    told = city(geojson(tmp_path / "a.geojson", house, **crs(name)))
+    assert areas(told) == areas(city(geojson(tmp_path / "b.geojson", house, crs=None)))
+
+
+@pytest.mark.parametrize(
+    ("where", "said", "problem"),
+    [
+        ("file", crs("EPSG:25832"), r"a\.geojson: crs: EPSG:25832: places must be longitudes"),
+        ("file", crs("EPSG:14326"), r"a\.geojson: crs: EPSG:14326: .* \(CRS84 or EPSG:4326\)"),
+        ("file", {"crs": {"type": "link"}}, r"a\.geojson: crs: \{'type': 'link'\}: places must"),
+        ("file", {"crs": 3857}, r"a\.geojson: crs: 3857: places must"),
+        ("geometry", crs("EPSG:3857"), r"a\.geojson: feature 0: crs: EPSG:3857: places must"),
+    ],
+)
+def test_places_of_another_crs_are_refused(
+    tmp_path: Path, where: str, said: dict[str, Any], problem: str
+) -> None:
+    in_geometry, in_file = (said, {}) if where == "geometry" else ({}, said)
+    file = collection(tmp_path / "a.geojson", polygon(0, 0, 9, 9) | in_geometry, **in_file)
+    with pytest.raises(ValueError, match=problem):
+        read_extract(file)

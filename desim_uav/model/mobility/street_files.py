@@ -94,7 +94,7 @@ def _of_osm(file: Path, content: bytes) -> Iterator[Line]:
 
 def _of_geojson(features: Iterable[geojson.Feature]) -> Iterator[Line]:
     """Yield the lines of GeoJSON; one without a tag ``highway`` is open to all."""
-    for name, geometry, tags in features:
+    for name, geometry, tags in ((f.name, one, f.tags) for f in features for one in f.geometries):
         places = geometry.get("coordinates")
         if geometry["type"] == "LineString":
             yield _line(name, places), tags

@@ -328,8 +328,13 @@ def test_streets_of_geojson(tmp_path: Path):
     file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     model = Streets(file, origin=(0.0, 0.0))
     assert model.ends_m[-1] == pytest.approx(111.3195 + 110.5743, abs=0.01)
-    assert len(ways_of(file, True, (0.0, 0.0), (0.0, 0.0))[0]) == 3
-    features[0]["geometry"]["coordinates"] = [[[0, 0], [1, "a"]]]
+    ways, _ = ways_of(file, True, (0.0, 0.0), (0.0, 0.0))
+    assert len(ways) == 3
+    parts = [{"type": "LineString", "coordinates": line} for line in lines]
+    features[0]["geometry"] = {"type": "GeometryCollection", "geometries": parts}
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    assert ways_of(file, True, (0.0, 0.0), (0.0, 0.0))[0] == ways
+    parts[0]["coordinates"] = [[0, 0], [1, "a"]]
     file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     with pytest.raises(ValueError, match=r"feature 0: a line is a list of places"):
         Streets(file, origin=(0.0, 0.0))
