@@ -82,15 +82,27 @@ def _read(file: Path, version: Version) -> Extract:
         )
     text = content.removeprefix(b"\xef\xbb\xbf").lstrip()
     reader = osm if text.startswith(b"<") else geojson
-    extract: Extract = reader.read(file, content)
+    extract = _above_ground(file, reader.read(file, content))
     if not extract.elements:
-        raise ValueError(f"{file}: it has no buildings")
+        raise ValueError(f"{file}: it has no buildings above the ground")
     if len(extract.elements) > MOST_BUILDINGS:
         raise ValueError(
             f"{file}: {len(extract.elements):,} buildings; at most {MOST_BUILDINGS:,}, so cut a "
             "smaller extract"
         )
     return extract
+
+
+def _above_ground(file: Path, extract: Extract) -> Extract:
+    """Return an extract without buildings that have the tag ``location=underground``."""
+    above, under = list[Element](), list[Element]()
+    for one in extract.elements:
+        (under if one.tags.get("location") == "underground" else above).append(one)
+    if not under:
+        return extract
+    words = f"{file}: {len(under)} buildings with location=underground are left out, first "
+    notice = words + under[0].name.removeprefix(f"{file}: ")
+    return extract._replace(elements=above, notices=(*extract.notices, notice))
 
 
 def ring_of(where: str, places: object) -> Ring:

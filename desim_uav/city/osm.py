@@ -24,6 +24,7 @@ class _Gatherer:
         self.file, self.nodes = file, read.nodes
         self.ways, self.relations = read.ways, read.relations
         self.open: list[str] = []
+        self.filled: list[str] = []
 
     def extract(self) -> Extract:
         """Return the buildings: those of relations, and ways that are not outlines of these."""
@@ -41,13 +42,18 @@ class _Gatherer:
             for name, way in self.ways.items()
             if _built(way.tags) and name not in outlines
         ]
-        notices: tuple[str, ...] = ()
+        notices = []
         if self.open:
-            notices = (
+            notices.append(
                 f"{self.file}: {len(self.open)} buildings whose outlines are not closed in the "
-                f"extract are left out, first {self.open[0]}",
+                f"extract are left out, first {self.open[0]}"
             )
-        return Extract([one for one in elements if one is not None], LICENCE, notices)
+        if self.filled:
+            notices.append(
+                f"{self.file}: {len(self.filled)} buildings have courtyards whose outlines are not "
+                f"closed in the extract and are built over, first {self.filled[0]}"
+            )
+        return Extract([one for one in elements if one is not None], LICENCE, tuple(notices))
 
     def _of_way(self, name: str, way: Way) -> Element | None:
         where = f"{self.file}: way {in_short(name)}"
@@ -58,18 +64,20 @@ class _Gatherer:
 
     def _of_relation(self, name: str, relation: Relation) -> Element | None:
         where = f"{self.file}: relation {in_short(name)}"
-        lines: tuple[list[list[str]], list[list[str]]] = ([], [])
-        for ref, role in relation.members:
-            if role in ("outer", "inner", "") and ref in self.ways:
-                lines[role == "inner"].append(self.ways[ref].nodes)
-            elif role in ("outer", "inner", ""):
-                self.open.append(f"relation {in_short(name)}")
-                return None
-        rings = [rings_of(one) for one in lines]
-        if rings[0] is None or rings[1] is None or not rings[0]:
+        outer, all_outer = self._rings_of(relation, ("outer", ""))
+        if not outer or not all_outer:
             self.open.append(f"relation {in_short(name)}")
             return None
-        return self._element(where, (rings[0], rings[1]), relation.tags)
+        inner, all_inner = self._rings_of(relation, ("inner",))
+        if not all_inner:
+            self.filled.append(f"relation {in_short(name)}")
+        return self._element(where, (outer, inner), relation.tags)
+
+    def _rings_of(self, relation: Relation, roles: tuple[str, ...]) -> tuple[list[list[str]], bool]:
+        """Return the closed rings of ways with these roles, and whether all ways are in them."""
+        refs = [ref for ref, role in relation.members if role in roles]
+        rings, closed = rings_of([self.ways[ref].nodes for ref in refs if ref in self.ways])
+        return rings, closed and all(ref in self.ways for ref in refs)
 
     def _element(
         self, where: str, rings: tuple[list[list[str]], list[list[str]]], tags: Tags
@@ -88,16 +96,19 @@ def _built(tags: Tags) -> bool:
     return tags.get(BUILDING, "no") != "no" or tags.get(PART, "no") != "no"
 
 
-def rings_of(lines: list[list[str]]) -> list[list[str]] | None:
-    """Return the closed rings that lines of nodes make up, or None if some do not close."""
-    left, rings = [line for line in lines if len(line) > 1], []
+def rings_of(lines: list[list[str]]) -> tuple[list[list[str]], bool]:
+    """Return the closed rings that lines of nodes make up, and whether all lines are in them."""
+    left, rings, closed = [line for line in lines if len(line) > 1], [], True
     while left:
         ring = left.pop()
         while ring[0] != ring[-1]:
             k = next((k for k, line in enumerate(left) if ring[-1] in (line[0], line[-1])), None)
             if k is None:
-                return None
+                break
             line = left.pop(k)
             ring = ring + (line[1:] if line[0] == ring[-1] else line[-2::-1])
-        rings.append(ring)
-    return rings if all(len(ring) > 3 for ring in rings) else None
+        if ring[0] == ring[-1] and len(ring) > 3:
+            rings.append(ring)
+        else:
+            closed = False
+    return rings, closed

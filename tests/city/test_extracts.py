@@ -231,10 +231,13 @@ def test_distances_over_two_kilometres_are_exact_to_a_millimetre(latitude: float
 
 
 def test_rings_close_whatever_the_direction_and_order_of_their_ways() -> None:
-    (ring,) = rings_of([["a", "b", "c"], ["d", "c"], ["a", "e", "d"]]) or []
+    (ring,), closed = rings_of([["a", "b", "c"], ["d", "c"], ["a", "e", "d"]])
+    assert closed
     assert ring[0] == ring[-1]
     assert sorted(ring[:-1]) == ["a", "b", "c", "d", "e"]
-    assert rings_of([["a", "b", "c"], ["c", "d"]]) is None
+    assert rings_of([["a", "b", "c"], ["c", "d"]]) == ([], False)
+    whole = ["x", "y", "z", "x"]
+    assert rings_of([whole, ["a", "b"], ["p", "q", "p"]]) == ([whole], False)
 
 
 DOCTYPE = '<!DOCTYPE x [<!ENTITY e "y">]>'
@@ -417,3 +420,62 @@ def test_places_of_another_crs_are_refused(
     file = collection(tmp_path / "a.geojson", polygon(0, 0, 9, 9) | in_geometry, **in_file)
     with pytest.raises(ValueError, match=problem):
         read_extract(file)
+
+
+def edited(file: Path, *changes: tuple[str, str]) -> Path:
+    """The extract of ``osm`` after these changes of its text."""
+    text = osm(file).read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    file.write_text(text)
+    return file
+
+
+MEMBER = '<member type="way" ref="3" role="inner"/>'
+COURT = "".join(f'<nd ref="{k}"/>' for k in (4, 5, 6, 7, 4))
+
+
+@pytest.mark.parametrize(
+    ("changes", "built_m2"),
+    [
+        ((MEMBER, MEMBER.replace("3", "99")), 1600),
+        ((COURT, COURT[: -len('<nd ref="4"/>')]), 1600),
+        ((MEMBER, MEMBER + MEMBER.replace("3", "99")), 1200),
+    ],
+    ids=["missing", "open", "one of two"],
+)
+def test_a_courtyard_that_the_extract_lacks_is_built_over(
+    tmp_path: Path, changes: tuple[str, str], built_m2: float
+) -> None:
+    built = city(edited(tmp_path / "a.osm", changes))
+    assert areas(built)[15.0] == pytest.approx(built_m2, abs=0.1)
+    assert [one for one in built.notices if "closed" in one] == [
+        f"{tmp_path / 'a.osm'}: 1 buildings have courtyards whose outlines are not closed in the "
+        "extract and are built over, first relation 7"
+    ]
+
+
+def test_a_building_whose_outer_ring_the_extract_lacks_is_left_out(tmp_path: Path) -> None:
+    built = city(edited(tmp_path / "a.osm", ('ref="2" role="outer"', 'ref="99" role="outer"')))
+    assert 15.0 not in areas(built)
+    assert any(
+        "not closed in the extract are left out, first relation 7" in n for n in built.notices
+    )
+
+
+def test_buildings_under_the_ground_are_left_out(tmp_path: Path) -> None:
+    under = '<tag k="height" v="15"/><tag k="location" v="underground"/>'
+    built = city(edited(tmp_path / "a.osm", ('<tag k="height" v="15"/>', under)))
+    assert set(areas(built)) == {12.0, 32.0}
+    words = f"{tmp_path / 'a.osm'}: 1 buildings with location=underground are left out, first "
+    assert words + "relation 7" in built.notices
+    low, deep = {"height": 9, "layer": -1}, {"height": 7, "location": "underground"}
+    two = [([box(10, 10, 20, 20)], low), ([box(50, 50, 20, 20)], deep)]
+    built = city(geojson(tmp_path / "a.geojson", *two))
+    assert areas(built) == {9.0: pytest.approx(400, abs=0.1)}
+    words = f"{tmp_path / 'a.geojson'}: 1 buildings with location=underground are left out, first "
+    assert built.notices == (words + "feature 1",)
+    alone = geojson(tmp_path / "b.geojson", two[1])
+    with pytest.raises(ValueError, match=r"b\.geojson: it has no buildings above the ground"):
+        read_extract(alone)
