@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Protocol
 import numpy as np
 from annotated_types import Ge, Le
 
-from desim_uav.errors import SimulationError, did_you_mean
+from desim_uav.errors import SimulationError, did_you_mean, in_short
 from desim_uav.model.catalogue import Catalogue
 from desim_uav.model.demand.asking import NO_MORE_US, Asker, Offer, RowDemand, ask_for_mix
 from desim_uav.model.demand.recorded import recorded_values
@@ -243,7 +243,7 @@ class Trace:
             if service not in services:
                 hint = did_you_mean(service, services)
                 problems.append(
-                    f"{self.file}:{line}: service: {service!r}: unknown{hint}; "
+                    f"{self.file}:{line}: service: {in_short(repr(service))}: unknown{hint}; "
                     f"allowed: {', '.join(services)}"
                 )
         return problems

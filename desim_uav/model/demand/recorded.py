@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
+from desim_uav.errors import in_short
 from desim_uav.model.catalogue import catalogue
 from desim_uav.model.rules import US
 from desim_uav.model.services import Service, collecting_of, is_one_time
@@ -37,14 +38,14 @@ def recorded_values(file: Path, services: Mapping[str, Service]) -> Recorded:
 
     A request for one time has columns ``required_s`` and ``bandwidth_kbps``. Others have a column
     for each list of their service, by its name; where a column or its value is missing, a list of
-    one value has this one. Raises ValueError with file and line for what is no number.
+    one value has this one. Raises ValueError if the file is not such a table.
     """
     recorded = Recorded({}, [])
     most = catalogue(services, dict.fromkeys(services, 1.0)).most
     for number, (name, service) in enumerate(services.items()):
         lists = list(service.values())
         names = ["required_s", "bandwidth_kbps"] if is_one_time(service) else lists
-        table = read_table(file, {"service": str}, dict.fromkeys(names, quantity))
+        table = read_table(file, {"service": str}, dict.fromkeys(names, str))
         own = [(line, cells) for kind, *cells, line in table if kind == name]
         lines = [line for line, _ in own]
         columns = []
@@ -69,7 +70,7 @@ class _Column:
     service: Service
     column: str
     lines: Sequence[int]
-    cells: Sequence[float | None]
+    cells: Sequence[str | None]
     most: int
 
     @property
@@ -88,9 +89,12 @@ class _Column:
     def problems(self) -> Iterator[str]:
         """Yield what is wrong, with file and line."""
         for line, cell in zip(self.lines, self.cells, strict=True):
-            problem = self._missing() if cell is None else self._wrong(cell)
+            try:
+                problem = self._missing() if cell is None else self._wrong(quantity(cell))
+            except ValueError as error:
+                problem = str(error)
             if problem:
-                value = "" if cell is None else f"{cell:g}: "
+                value = "" if cell is None else f"{in_short(cell)}: "
                 yield f"{self.file}:{line}: {self.column}: {value}{problem}"
 
     def _missing(self) -> str:
@@ -119,7 +123,7 @@ class _Column:
         if self.timed:
             scale = US if self.column == "required_s" else 1000
             return [round(float(cell or 0.0) * scale) for cell in self.cells]
-        given = [cell for cell in self.cells if cell is not None]
+        given = [float(cell) for cell in self.cells if cell is not None]
         converted = iter(self._converted(given) if given else [])
         only = int(self.service.values()[self.column][0])
         return [only if cell is None else next(converted) for cell in self.cells]

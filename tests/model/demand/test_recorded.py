@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from desim_uav import cli
 from desim_uav.errors import ScenarioError
 from desim_uav.model.catalogue import catalogue
 from desim_uav.model.demand.demand import Trace
@@ -58,7 +60,7 @@ def test_rows_have_a_column_for_each_value_that_any_service_draws(tmp_path):
         ("0,1,call,9,,,,\n", "requests.csv:2: bandwidth_kbps: missing; call asks for a time"),
         ("0,1,file,,,,,\n", "requests.csv:2: volume_mbit: missing; services.file has 2 values"),
         ("0,1,file,,,0,,\n", "requests.csv:2: volume_mbit: 0: must be at least 1e-12"),
-        ("0,1,file,,,9e6,,\n", "requests.csv:2: volume_mbit: 9e\\+06: must be at most 1e\\+06"),
+        ("0,1,file,,,9e6,,\n", "requests.csv:2: volume_mbit: 9e6: must be at most 1e\\+06"),
         ("0,1,task,,,,1,\n", "requests.csv:2: cycles_per_bit: missing; services.task has 2"),
         (
             "0,1,call,9,9,,,\n0,1,task,,,,2,500\n",
@@ -78,11 +80,30 @@ def test_each_problem_has_its_line(tmp_path, text, problem):
         from_mapping(made)
 
 
-@pytest.mark.parametrize("cell", ["x", "-1", "nan"])
-def test_what_is_no_number_is_refused(tmp_path, cell):
-    file = file_of(tmp_path, f"0,1,file,,,{cell},,\n")
-    with pytest.raises(ValueError, match=r"requests\.csv:2: volume_mbit: "):
-        recorded_values(file, SERVICES)
+def test_all_that_is_no_number_is_found_at_once(tmp_path, capsys, monkeypatch):
+    lines = [f"0,1,file,,,{cell},," for cell in ("x", "-20", "nan", "inf", "1e400", "2e9")]
+    lines += ["0,1,task,,,,-1,nan", f"0,1,{'f' * 500},,,1,,"]
+    file_of(tmp_path, "".join(f"{line}\n" for line in lines))
+    text = yaml.safe_dump(scenario({"kind": "trace", "file": "requests.csv"}))
+    (tmp_path / "own.yaml").write_text(text, encoding="utf-8")
+    monkeypatch.setattr("sys.argv", ["desim-uav", "validate", str(tmp_path / "own.yaml")])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    told = [line.split("requests.csv:")[-1] for line in capsys.readouterr().err.splitlines()]
+    assert ended.value.code == 3
+    unknown = told.pop(0)
+    assert unknown.startswith("9: service: 'ffff") and len(unknown) < 300
+    finite = "must be a finite number, at least 0"
+    assert told == [
+        "2: volume_mbit: x: must be a number",
+        "3: volume_mbit: -20: must be at least 0",
+        f"4: volume_mbit: nan: {finite}",
+        f"5: volume_mbit: inf: {finite}",
+        f"6: volume_mbit: 1e400: {finite}",
+        "7: volume_mbit: 2e9: must be at most 1,000,000,000",
+        "8: input_mbit: -1: must be at least 0",
+        f"8: cycles_per_bit: nan: {finite}",
+    ]
 
 
 def test_updates_are_for_sensors(tmp_path):
