@@ -92,7 +92,7 @@ def compare(
             "their number"
         )
     source = opened(scenario, overrides, world_seed=world_seed)
-    measures = None if measure is None else chosen(names_of(measure), source.scenario)
+    measures = chosen(names_of(measure), source.scenario) or None
     by_name = comparing.policies_by_name(policies)
     all_seeds = seeds_of(seeds, first_seed)
     for warning in comparing.out_of_place(source.scenario, by_name, all_seeds):
@@ -154,7 +154,7 @@ def compare_runs(
         if not sources:
             raise UsageError("folders: give at least one run")
         paths = [source.folder for source in sources]
-        names = None if measure is None else names_of(measure)
+        names = names_of(measure) or None
         comparison = finished.compare_runs(paths, against, names)
     if place is not None:
         comparison.save(place)

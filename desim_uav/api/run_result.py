@@ -157,13 +157,9 @@ class RunResult(LinksOfRun):
         Raises:
             UsageError: ``by`` is not one of these, or the users are not a list of groups.
         """
-        allowed = (*measures.GROUPS, "seed")
-        if by is not None and by not in allowed:
-            raise UsageError(
-                f"by: {by!r}{did_you_mean(str(by), allowed)}; allowed: {', '.join(allowed)}"
-            )
         if by is None:
             return self.qoe("seed").mean()
+        _check_group(by, *measures.GROUPS, "seed")
         if by == "seed":
             rows = [
                 {"seed": run.manifest["seed"]}
@@ -196,6 +192,7 @@ class RunResult(LinksOfRun):
     @typed
     def groups(self, by: str = "service") -> list[list[dict[str, Any]]]:
         """Return for each seed the measures of each group of requests, see ``qoe``."""
+        _check_group(by, *measures.GROUPS)
         return [run.groups(by) for run in self._runs]
 
     # ---- what to do with it
@@ -380,6 +377,12 @@ class RunResult(LinksOfRun):
 def of_folder(folder: str | Path) -> RunResult:
     """Return the run in a folder; its tables are read when they are asked for."""
     return RunResult([InFolder(Path(folder))])
+
+
+def _check_group(by: str, *allowed: str) -> None:
+    """Raise UsageError if ``by`` is not one of those allowed."""
+    if by not in allowed:
+        raise UsageError(f"by: {by!r}{did_you_mean(by, allowed)}; allowed: {', '.join(allowed)}")
 
 
 def _covered_once(run: Kept) -> float:

@@ -121,7 +121,7 @@ def sweep(
         episodes,
         warmup,
         engine,
-        () if measure is None else names_of(measure),
+        names_of(measure),
     )
     outcome = sweep_to_folder(
         plan,

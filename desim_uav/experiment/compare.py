@@ -357,7 +357,7 @@ def reference_of(policies: Sequence[str], against: str | None) -> str:
         return policies[0]
     if against not in policies:
         raise UsageError(
-            f"--against {against}: this is not one of the policies"
+            f"against: {against}: this is not one of the policies"
             f"{did_you_mean(against, policies)}: "
             f"{', '.join(policies)}"
         )

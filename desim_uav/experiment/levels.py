@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from numbers import Real
 from pathlib import Path
@@ -67,8 +68,7 @@ def map_of(
 
     if not 1 <= points <= MOST_POINTS:
         raise UsageError(f"points: {points}: must be a whole number from 1 to {MOST_POINTS}")
-    if not every_s >= 1e-3:
-        raise UsageError(f"every_s: {every_s:g}: must be at least 0.001")
+    _step_us(every_s, 1000)
     return frame_of(playable(source, show_progress), episode, minute, points, every_s)
 
 
@@ -88,7 +88,7 @@ def _chosen(
     """Return the numbers that an argument names. Raises UsageError if one is not there."""
     if numbers is None:
         return range(count)
-    each = [int(number) for number in _listed(numbers)]
+    each = [int(number) for number in _listed(name, numbers)]
     for number in each:
         if not 0 <= number < count:
             raise UsageError(f"{name}: {number}: the {all_of} are 0 to {count - 1}")
@@ -103,19 +103,27 @@ def _times_us(
     if every_s is not None and at_s is not None:
         raise UsageError("every_s: give either a step or times (at_s), not both")
     if every_s is not None:
-        step_us = round(every_s * US)
-        if not step_us >= 1:
-            raise UsageError(f"every_s: {every_s:g}: must be at least a microsecond")
-        return range(0, end_us + 1, step_us)
+        return range(0, end_us + 1, _step_us(every_s, 1))
     if at_s is None:
         return None
-    each = _listed(at_s)
+    each = _listed("at_s", at_s)
     for t_s in each:
         if not 0 <= t_s <= duration_s:
             raise UsageError(f"at_s: {t_s:g}: the episode is from 0 to {duration_s:g} s")
     return sorted({round(float(t_s) * US) for t_s in each})
 
 
-def _listed(values: Any) -> list[Any]:
-    """Return a number, or several in any sequence, as a list."""
-    return [values] if isinstance(values, Real) else list(values)
+def _step_us(every_s: float, least_us: int) -> int:
+    """Return a step in microseconds. Raises UsageError if it is shorter than the least, or none."""
+    step_us = round(float(every_s) * US, 0)
+    if not least_us <= step_us < math.inf:
+        raise UsageError(f"every_s: {every_s:g}: must be finite, and at least {least_us / US:g} s")
+    return int(step_us)
+
+
+def _listed(name: str, values: Any) -> list[Any]:
+    """Return a number, or several in any sequence, as a list. Raises UsageError if it is empty."""
+    each = [values] if isinstance(values, Real) else list(values)
+    if not each:
+        raise UsageError(f"{name}: give at least one; leave the argument out for the default")
+    return each

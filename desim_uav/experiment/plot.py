@@ -61,14 +61,14 @@ def _compare(
 ) -> Figure:
     from desim_uav.report.figures import compare_figure
 
-    names = None if measure is None else list(dict.fromkeys(names_of(measure)))
+    names = list(dict.fromkeys(names_of(measure))) or None
     first = sources[0]
     if isinstance(first, Comparison) and len(sources) == 1:
         reference = reference_of(first.policies, first.against if against is None else against)
         for name in names or ():
             if name not in first.measures:
                 check(name)
-                raise UsageError(f"--measure {name}: the comparison does not have it")
+                raise UsageError(f"measure: {name}: the comparison does not have it")
         return compare_figure(replace(first, against=reference).content(), names)
     comparison = compare_runs([_path(s, "compare") for s in sources], against, names)
     return compare_figure(comparison.content(), names)
@@ -90,7 +90,7 @@ def _of_runs(kind: str) -> Callable[..., Figure]:
 def _sweep(source: Drawable, **options: Any) -> Figure:
     from desim_uav.experiment.sweep.pictures import plot_sweep
 
-    lists = {name: list(names_of(it)) for name, it in options.items()}
+    lists = {name: names_of(it) for name, it in options.items()}
     return plot_sweep(_path(source, "sweep"), **lists)
 
 
@@ -153,7 +153,7 @@ def _point(text: str) -> tuple[float, float]:
     try:
         x_m, y_m = map(float, text.split(","))
     except ValueError:
-        raise UsageError(f"--at {text}: write X,Y in metres, such as 1200,800") from None
+        raise UsageError(f"at: {text}: write X,Y in metres, such as 1200,800") from None
     return x_m, y_m
 
 
@@ -239,9 +239,7 @@ def chosen(kind: str, sources: int, options: Mapping[str, Any]) -> Kind:
     for key, value in options.items():
         if value is not None and key not in entry.options:
             of = [name for name, other in KINDS.items() if key in other.options]
-            raise UsageError(
-                f"--{key.replace('_', '-')} is an option of {', '.join(of)}, not of {kind}"
-            )
+            raise UsageError(f"{key} is an option of {', '.join(of)}, not of {kind}")
     if not sources and not entry.optional:
         raise UsageError(f"{kind}: give a folder to draw: desim-uav plot {kind} RUN")
     if sources > 1 and not entry.several:

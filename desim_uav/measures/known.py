@@ -390,21 +390,19 @@ def chosen(names: Iterable[str], *scenarios: Scenario) -> tuple[str, ...]:
     for name in listed:
         check(name)
         if not any(map(KNOWN[name].where.holds, scenarios)):
-            raise UsageError(f"--measure {name}: {KNOWN[name].where.lack}")
+            raise UsageError(f"measure: {name}: {KNOWN[name].where.lack}")
     return listed
 
 
-def names_of(measure: str | Sequence[str]) -> Sequence[str]:
-    """Return the names of measures: one, or several."""
-    return (measure,) if isinstance(measure, str) else measure
+def names_of(measure: str | Sequence[str] | None) -> list[str]:
+    """Return the names of measures: one, several or none."""
+    return [measure] if isinstance(measure, str) else list(() if measure is None else measure)
 
 
 def check(name: str) -> None:
     """Raise UsageError, with the nearest name, if no measure has this name."""
     if name not in KNOWN:
-        raise UsageError(
-            f"--measure {name}{did_you_mean(name, KNOWN)}; allowed: {', '.join(KNOWN)}"
-        )
+        raise UsageError(f"measure: {name}{did_you_mean(name, KNOWN)}; allowed: {', '.join(KNOWN)}")
 
 
 def looks(names: Iterable[str], short: bool = False) -> dict[str, tuple[str, str]]:

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from desim_uav.errors import UsageError
 from desim_uav.model.rules import US
 from desim_uav.report.levels import LinksInTime
 from desim_uav.report.playback import Playback
@@ -129,12 +128,8 @@ def frame_of(
         chosen = run.counted_episodes if episode is None else [run.episode(episode)]
         run.need(chosen)
         return mean_map_frame([Playback(run, each) for each in chosen], points, every_s)
-    playback = playback_of(run, episode)
-    t_us = round(minute * 60 * US)
-    if t_us > playback.duration_us:
-        lasts = f"episode {playback.episode} lasts {playback.duration_us / US / 60:g} minutes"
-        raise UsageError(f"minute: {minute:g}: {lasts}")
-    return map_frame(playback, points, t_us)
+    t_us = run.instant_us(run.episode(episode), minute)
+    return map_frame(playback_of(run, episode), points, t_us)
 
 
 def playback_of(run: Run, episode: int | None) -> Playback:

@@ -11,7 +11,8 @@ from typing import Any
 import pandas as pd
 
 from desim_uav.checksums import verify
-from desim_uav.errors import NoEventsError, PolicyError, UsageError
+from desim_uav.errors import NoEventsError, PolicyError, UsageError, in_short
+from desim_uav.model.rules import US
 from desim_uav.parquet_file import read_table
 from desim_uav.records import TABLES
 from desim_uav.report.manifest import Settings, read_manifest, read_settings
@@ -181,7 +182,7 @@ class Run:
             return next((number for number in there if number >= 0), there[0])
         if episode not in there:
             raise UsageError(
-                f"--episode {episode}: {self.folder} has the episodes {there[0]} to {there[-1]}"
+                f"episode: {episode}: {self.name} has the episodes {there[0]} to {there[-1]}"
             )
         return episode
 
@@ -197,7 +198,7 @@ class Run:
         missing = sorted(set(numbers) - set(there))
         if missing:
             raise UsageError(
-                f"--episodes {text}: there is no episode {missing[0]}; "
+                f"episodes: {text}: there is no episode {missing[0]}; "
                 f"there are {there[0]} to {there[-1]}"
             )
         return numbers
@@ -205,6 +206,15 @@ class Run:
     def duration_s(self, episode: int) -> float:
         """Return the duration of an episode."""
         return float(self.of("episodes", episode)["duration_s"].iloc[0])
+
+    def instant_us(self, episode: int, minute: float) -> int:
+        """Return a minute of an episode in microseconds. Raises UsageError if it is not in it."""
+        at_us, duration_s = round(float(minute) * 60 * US, 0), self.duration_s(episode)
+        if not 0 <= at_us <= round(duration_s * US):
+            raise UsageError(
+                f"minute: {minute:g}: episode {episode} is from minute 0 to {duration_s / 60:g}"
+            )
+        return int(at_us)
 
 
 Again = Callable[[Run, Sequence[int]], Tables]
@@ -222,7 +232,7 @@ def _numbers(text: str, part: str) -> range:
         begin = sign * int(first)
         end = int(last) if dash else begin
     except ValueError:
-        raise UsageError(f"--episodes {text}: write 0-9, or 0,4,8") from None
+        raise UsageError(f"episodes: {in_short(repr(text))}: write 0-9, or 0,4,8") from None
     if end < begin or end - begin > 10**6:
-        raise UsageError(f"--episodes {text}: write 0-9, or 0,4,8")
+        raise UsageError(f"episodes: {in_short(repr(text))}: write 0-9, or 0,4,8")
     return range(begin, end + 1)

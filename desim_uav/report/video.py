@@ -138,7 +138,7 @@ def write_gif(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
     Raises UsageError for more frames per second than a GIF can have.
     """
     if film.fps > GIF_FPS:
-        raise UsageError(f"--fps {film.fps:g}: a GIF can have at most {GIF_FPS}")
+        raise UsageError(f"fps: {film.fps:g}: a GIF can have at most {GIF_FPS}")
     palette = _palette(film)
 
     def changes() -> Iterator[Image.Image]:

@@ -93,7 +93,7 @@ class TestPolicies:
             ({"mine": lambda o, m: 0}, {"jobs": 2}, UsageError, "cannot be sent"),
             (["hover"], {"jobs": 0}, UsageError, "jobs: 0"),
             (["hover"], {"world_seed": -1}, UsageError, "world_seed: -1: must be a whole number"),
-            (["hover"], {"against": "random"}, UsageError, "--against random"),
+            (["hover"], {"against": "random"}, UsageError, "against: random: "),
             (["hover"], {"overrides": {"seed": 3}}, UsageError, "override seed: each replication"),
         ],
     )

@@ -161,6 +161,8 @@ class TestQoe:
     def test_by_what_is_no_group(self):
         with pytest.raises(UsageError, match="did you mean 'service'"):
             du.run("tiny").qoe("servce")
+        with pytest.raises(UsageError, match=r"^by: 'seed'; allowed: service, "):
+            du.run("tiny").groups("seed")
 
     @pytest.mark.parametrize("case", ["case3", "case7", "case8"])
     def test_covered_once_is_more_than_covered_on_average(self, case, command):

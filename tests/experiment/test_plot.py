@@ -84,7 +84,7 @@ def test_energy_of_free_flight(ask, tmp_path):
     assert du.plot("energy", "festival", "again.png", drone=2).axes
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "energy.png").read_bytes()
     code, _, err = ask("plot", "energy", "festival", "--drone", 3)
-    assert (code, "--drone 3: festival has the drones 0 to 2" in err) == (2, True)
+    assert (code, "drone: 3: festival has the drones 0 to 2" in err) == (2, True)
 
 
 @pytest.mark.thorough
@@ -130,11 +130,11 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
         (
             ("plot", "battery", "@run0", "--window", 3),
             2,
-            "--window is an option of training, not of b",
+            "window is an option of training, not of b",
         ),
-        (("plot", "battery", "@run0", "--episode", 3), 2, "--episode 3"),
-        (("plot", "battery", "@run0", "--drone", 3), 2, "--drone 3"),
-        (("plot", "training", "@trained0", "--window", 9), 2, "--window 9: there are 5 episodes"),
+        (("plot", "battery", "@run0", "--episode", 3), 2, "episode: 3"),
+        (("plot", "battery", "@run0", "--drone", 3), 2, "drone: 3"),
+        (("plot", "training", "@trained0", "--window", 9), 2, "window: 9: there are 5 episodes"),
         (("plot", "compare", "@run0", "--against", "hovr"), 2, "did you mean 'hover'?"),
         (("plot", "compare", "@run0", "@trained0"), 4, "no such table"),
         (("plot", "compare", "@run0", "@bare"), 4, "hover on seed 0 is given twice"),
@@ -154,11 +154,11 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
         (("plot", "age", "@run0"), 4, "the run has no sensors: no users have the demand sensing"),
         (("plot", "radio", "case8"), 2, "case8: the radio of its drones is disc"),
         (("plot", "radio", "@run0"), 2, "write drones.radio: {kind: link_classes} in the scen"),
-        (("plot", "radio", "@links", "--level", 3), 2, "--level 3: case8 has the levels 0 to 2"),
-        (("plot", "radio", "@links", "--at", "1,2,3"), 2, "--at 1,2,3: write X,Y in metres"),
-        (("plot", "radio", "@links", "--at", "1,x"), 2, "--at 1,x: write X,Y in metres"),
-        (("plot", "radio", "@links", "--at", "1,2401"), 2, "--at 1,2401: the map of case8 goes"),
-        (("plot", "radio", "@links", "--drone", 0), 2, "--drone is an option of visits, policy, b"),
+        (("plot", "radio", "@links", "--level", 3), 2, "level: 3: case8 has the levels 0 to 2"),
+        (("plot", "radio", "@links", "--at", "1,2,3"), 2, "at: 1,2,3: write X,Y in metres"),
+        (("plot", "radio", "@links", "--at", "1,x"), 2, "at: 1,x: write X,Y in metres"),
+        (("plot", "radio", "@links", "--at", "1,2401"), 2, "at: 1,2401: the map of case8 goes"),
+        (("plot", "radio", "@links", "--drone", 0), 2, "drone is an option of visits, policy, b"),
         (("plot", "radio", "case88"), 3, "case88: neither a file nor a shipped scenario"),
         (("plot", "radio", "."), 4, "world.json: not a readable JSON file"),
         (("video", "@run0"), 2, "name the file to write: --gif FILE.gif or --mp4 FILE.mp4"),
@@ -167,7 +167,7 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
         (("video", "@run0", "--gif", "a.gif", "--fps", 0), 2, "--fps"),
         (("video", "@run0", "--gif", "a.gif", "--fps", 55), 2, "a GIF can have at most 50"),
         (("video", "@run0", "--gif", "a.gif", "--speed", "nan"), 2, "--speed"),
-        (("video", "@run0", "--gif", "a.gif", "--episode", 7), 2, "--episode 7"),
+        (("video", "@run0", "--gif", "a.gif", "--episode", 7), 2, "episode: 7"),
         (("video", "@gone", "--gif", "a.gif"), 4, "cannot be played again"),
         (("video", "@trained0", "--gif", "a.gif"), 4, "a run folder?"),
     ],

@@ -167,12 +167,12 @@ def test_the_same_sweep_gives_the_same_bytes(tmp_path, ending):
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (("--measure", "qoe3"), 2, "--measure qoe3"),
+        (("--measure", "qoe3"), 2, "measure: qoe3"),
         (("--key", "users.cnt"), 2, "does not vary in this sweep (did you mean 'users.count'?)"),
-        (("--key", "users.count=5"), 2, "--key users.count=5: its values are 4, 8, 12"),
+        (("--key", "users.count=5"), 2, "key: users.count=5: its values are 4, 8, 12"),
         (("--key", "users.count", "--key", "users.count=4"), 2, "given twice"),
         ((), 2, "3 keys vary (users.count, drones.footprint_radius_m, stations.pads)"),
-        (("--window", "3"), 2, "--window is an option of training, not of sweep"),
+        (("--window", "3"), 2, "window is an option of training, not of sweep"),
     ],
 )
 def test_what_is_refused(ask, words, code, message):

@@ -195,15 +195,48 @@ def test_a_run_that_kept_no_events_is_played_again(town, tmp_path):
         ({"user": 8}, "user: 8: the users are 0 to 7"),
         ({"drone": [0, 4]}, "drone: 4: the drones and access points are 0 to 3"),
         ({"at_s": 721}, "at_s: 721: the episode is from 0 to 720 s"),
-        ({"every_s": 0.0}, "every_s: 0: must be at least a microsecond"),
+        *(
+            ({"every_s": step}, f"^every_s: {text}: must be finite, and at least 1e-06 s$")
+            for step, text in ((0.0, "0"), (-1.0, "-1"), (np.nan, "nan"), (np.inf, "inf"))
+        ),
+        *(({name: []}, f"^{name}: give at least one") for name in ("user", "drone", "at_s")),
+        ({"at_s": [1.0, np.nan]}, "at_s: nan: the episode is from 0 to 720 s"),
         ({"every_s": 1.0, "at_s": 2.0}, "give either a step or times"),
         ({"every_s": 1e-5}, "more than 20,000,000 rows"),
-        ({"episode": 3}, "--episode 3"),
+        ({"episode": 3}, "^episode: 3: town, random, seed 0 has the episodes 0 to 0"),
     ],
 )
 def test_what_is_refused(town, how, message):
     with pytest.raises(UsageError, match=message):
         town.levels(**how)
+
+
+@pytest.mark.parametrize("minute", [-1000, -1, -0.001, 12.001, 1e308, np.nan, np.inf, -np.inf])
+def test_a_minute_is_within_the_episode(town, minute):
+    with pytest.raises(UsageError) as refused:
+        town.map(minute)
+    assert str(refused.value) == f"minute: {minute:g}: episode 0 is from minute 0 to 12"
+
+
+def test_the_first_and_the_last_minute_are_in_the_episode(town):
+    pd.testing.assert_frame_equal(town.map(0.0, points=5), town.map(-1e-12, points=5))
+    assert len(town.map(12, points=5)) == 20
+
+
+@pytest.mark.parametrize("every_s", [0.0, -1.0, np.nan, np.inf, 1e308])
+def test_a_map_has_a_step_of_a_millisecond_at_least(town, every_s):
+    with pytest.raises(UsageError) as refused:
+        town.map(every_s=every_s)
+    assert str(refused.value) == f"every_s: {every_s:g}: must be finite, and at least 0.001 s"
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_a_snapshot_is_of_a_minute_of_the_episode(town, dimensions):
+    result = town if dimensions == 3 else run("tiny")
+    lasts = result.episodes["duration_s"].iloc[0] / 60
+    result.plot("snapshot", minute=lasts)
+    with pytest.raises(UsageError, match=f"^minute: {lasts + 1:g}: episode 0 is from minute 0 to"):
+        result.plot("snapshot", minute=lasts + 1)
 
 
 def test_the_paper_s_disc_has_no_levels():
@@ -260,7 +293,7 @@ def test_a_figure_of_maps(town, tmp_path):
     ]
     assert len(town.plot("map", tmp_path / "map.parquet").table) == 100 * 80
     assert len(pd.read_parquet(tmp_path / "map.parquet")) == 100 * 80
-    with pytest.raises(UsageError, match="minute: 13: episode 0 lasts 12 minutes"):
+    with pytest.raises(UsageError, match=r"^minute: 13: episode 0 is from minute 0 to 12$"):
         town.plot("map", minute=13)
     with pytest.raises(UsageError, match=r"must end in \.png, \.pdf or \.svg"):
         town.plot("visits", tmp_path / "visits.csv")

@@ -182,7 +182,7 @@ def test_episodes_are_asked_for_by_their_number(tmp_path):
     run = Run(make_run(Path(tmp_path / "r"), "tiny", "baseline", episodes=2, warmup=1))
     assert run.episode(None) == 0
     assert run.episode(-1) == -1
-    with pytest.raises(UsageError, match=r"--episode 5: .* has the episodes -1 to 1"):
+    with pytest.raises(UsageError, match=r"^episode: 5: .* has the episodes -1 to 1"):
         run.episode(5)
 
 

@@ -461,7 +461,7 @@ class TestPage:
 
     @pytest.mark.parametrize("text", ["2", "0-5", "x", "", "1-0", "0-", "--", "0,,1"])
     def test_refuses_others(self, folders, text):
-        with pytest.raises(UsageError, match="--episodes"):
+        with pytest.raises(UsageError, match=r"^episodes: "):
             Run(folders / "busy").chosen(text)
 
     @pytest.mark.thorough
@@ -552,7 +552,7 @@ class TestSideBySide:
             (("users.count=17",), {}, r"scenario \(users.count\): users.count: 16 and 17"),
             (("seed=3", "world_seed=0"), {}, "seed: 0 and 3"),
             (("world_seed=4",), {}, "world_seed: 0 and 4"),
-            ((), {"episodes": 1}, r"episodes: 0 to 1 \(2\) and 0 to 0 \(1\).*--episodes"),
+            ((), {"episodes": 1}, r"episodes: 0 to 1 \(2\) and 0 to 0 \(1\); name common ones"),
         ],
     )
     def test_refuses_what_is_not_on_common_seeds(self, busy, tmp_path, overrides, options, reason):

@@ -26,7 +26,7 @@ def common_episodes(first: Run, second: Run, text: str | None) -> list[int]:
         raise _unlike(
             first,
             second,
-            f"episodes: {_span(numbers)} and {_span(others)}; choose common ones with --episodes",
+            f"episodes: {_span(numbers)} and {_span(others)}; name common ones",
         )
     return numbers
 

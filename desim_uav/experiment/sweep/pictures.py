@@ -35,7 +35,7 @@ def plot_sweep(
     for name in measures:
         if name not in results.measures:
             lack = KNOWN[name].where.lack or "it was not asked for"
-            raise UsageError(f"--measure {name}: this sweep does not have it: {lack}")
+            raise UsageError(f"measure: {name}: this sweep does not have it: {lack}")
     if not results.keys and not key:
         table = content(results, {})
         titles = {name: label for name, (label, _) in looks(measures).items()}
@@ -78,6 +78,6 @@ def _values_at(keys: Sequence[str]) -> dict[str, str | None]:
     for text in keys:
         name, equals, value = text.partition("=")
         if name in value_at:
-            raise UsageError(f"--key {name}: the key is given twice")
+            raise UsageError(f"key: {name}: the key is given twice")
         value_at[name] = value if equals else None
     return value_at

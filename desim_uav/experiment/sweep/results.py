@@ -140,7 +140,7 @@ def chosen_keys(results: SweepResults, value_at: Mapping[str, str | None]) -> Sw
             varied = ", ".join(keys) or "none"
             hint = did_you_mean(key, keys)
             raise UsageError(
-                f"--key {key}: the key does not vary in this sweep{hint}; keys that vary: {varied}"
+                f"key: {key}: the key does not vary in this sweep{hint}; keys that vary: {varied}"
             )
         if text is not None:
             value = _named(key, text, keys[key])
@@ -166,7 +166,7 @@ def _named(key: str, text: str, values: Sequence[Any]) -> Any:
     for value in values:
         if text == word(value) or (_is_number(value) and _number(text) == value):
             return value
-    raise UsageError(f"--key {key}={text}: its values are {', '.join(map(word, values))}")
+    raise UsageError(f"key: {key}={text}: its values are {', '.join(map(word, values))}")
 
 
 def _number(text: str) -> float | None:

@@ -105,7 +105,7 @@ def _types(world: World, drone: int | None) -> tuple[list[SameFlights], dict[str
         count = world.scenario.drone_count
         if not 0 <= drone < count:
             raise UsageError(
-                f"--drone {drone}: {world.scenario.name} has the drones 0 to {count - 1}"
+                f"drone: {drone}: {world.scenario.name} has the drones 0 to {count - 1}"
             )
         numbers = range(world.type_numbers[drone], world.type_numbers[drone] + 1)
     flights: list[SameFlights] = []

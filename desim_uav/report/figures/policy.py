@@ -70,7 +70,7 @@ def policy_figure(
     battery_min, level = read.battery_min(battery_min), read.level(level)
     drones = list(range(len(table.q))) if drone is None else [drone]
     if not 0 <= drones[0] < len(table.q):
-        raise UsageError(f"--drone {drone}: {name} has the drones 0 to {len(table.q) - 1}")
+        raise UsageError(f"drone: {drone}: {name} has the drones 0 to {len(table.q) - 1}")
     slices = [read.slice(number, battery_min, level) for number in drones]
     figure, panels = grid_of(len(drones), width=3.5, height=3.3)
     values = np.concatenate([s.value[s.learned] for s in slices] or [np.zeros(1)])
@@ -135,18 +135,18 @@ class Reading:
 
     def battery_min(self, minutes: int | None) -> int | None:
         """Return the minutes left, by default half of them; None without a battery."""
-        return self._of("battery_min", "--battery-min", minutes, lambda size: (size - 1) // 2)
+        return self._of("battery_min", "battery_min", minutes, lambda size: (size - 1) // 2)
 
     def level(self, number: int | None) -> int | None:
         """Return the level, by default the lowest; None on a flat map."""
-        return self._of("level", "--level", number, lambda size: 0)
+        return self._of("level", "level", number, lambda size: 0)
 
-    def _of(self, feature: str, option: str, value: int | None, usual: Any) -> int | None:
+    def _of(self, feature: str, argument: str, value: int | None, usual: Any) -> int | None:
         size = self.sizes.get(feature)
         if size is None and value is not None:
-            raise UsageError(f"{option} {value}: {self.name} has no {feature} in its states")
+            raise UsageError(f"{argument}: {value}: {self.name} has no {feature} in its states")
         if size is not None and value is not None and not 0 <= value < size:
-            raise UsageError(f"{option} {value}: {self.name} has 0 to {size - 1}")
+            raise UsageError(f"{argument}: {value}: {self.name} has 0 to {size - 1}")
         return None if size is None else usual(size) if value is None else value
 
     @cached_property

@@ -222,7 +222,7 @@ def _altitude_m(world: World, level: int | None) -> float:
     levels_m = world.grid.levels_m
     if level is not None and not 0 <= level < len(levels_m):
         raise UsageError(
-            f"--level {level}: {world.scenario.name} has the levels 0 to {len(levels_m) - 1}"
+            f"level: {level}: {world.scenario.name} has the levels 0 to {len(levels_m) - 1}"
         )
     return levels_m[level or 0]
 
@@ -233,7 +233,7 @@ def _place_m(world: World, at_m: tuple[float, float] | None) -> tuple[float, flo
     x_m, y_m = (width_m / 2, depth_m / 2) if at_m is None else at_m
     if not (0.0 <= x_m <= width_m and 0.0 <= y_m <= depth_m):
         raise UsageError(
-            f"--at {x_m:g},{y_m:g}: the map of {world.scenario.name} goes from 0,0 to "
+            f"at: {x_m:g},{y_m:g}: the map of {world.scenario.name} goes from 0,0 to "
             f"{width_m:g},{depth_m:g}"
         )
     return x_m, y_m

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 
-from desim_uav.model.rules import US
 from desim_uav.palette import drone_colour
 from desim_uav.report.figures.map import attribute, draw_cells, draw_zones, mark_buildings
 from desim_uav.report.figures.radio import INK, MAST, SHADES
@@ -137,7 +136,8 @@ def _mark(panels: Sequence[Axes], run: Run, episode: int | None, minute: float |
 
 def _serving_m(run: Run, episode: int | None, minute: float) -> dict[int, tuple[float, float]]:
     """Return where the drones are that serve at a minute, by their numbers."""
-    links, now = LinksInTime(playback_of(run, episode)), np.array([round(minute * 60 * US)])
+    playback = playback_of(run, episode)
+    links, now = LinksInTime(playback), np.array([run.instant_us(playback.episode, minute)])
     places = {}
     for drone in range(run.scenario.drone_count):
         if links.serves(drone, now)[0]:

@@ -65,15 +65,15 @@ def snapshot_figure(
 
     Crosses are drones, lines their paths so far, filled circles their footprints. Users are
     coloured by state. A flat map is drawn flat. Raises PolicyError if the folder is not that of a
-    run, and NoEventsError if it has no events.
+    run, NoEventsError if it has no events, and UsageError if there is no such episode or minute.
     """
     run = opened(run)
     episode = run.episode(episode)
+    t_us = None if minute is None else run.instant_us(episode, minute)
     if not run.scenario.three_d:
         return case_picture(run, episode, math.inf if minute is None else minute)
     playback = Playback(run, episode)
-    t_us = playback.duration_us
-    t_us = t_us if minute is None else min(t_us, round(minute * 60 * US))
+    t_us = playback.duration_us if t_us is None else t_us
     figure = Figure(figsize=BOX)
     figure.set_layout_engine("none")
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)

@@ -66,7 +66,7 @@ def training_figure(folders: Sequence[Path], window: int | None = None) -> Figur
     shortest = min(len(training.curves) for training in trainings)
     window = max(1, shortest // WINDOWS) if window is None else window
     if window > shortest:
-        raise UsageError(f"--window {window}: there are {shortest} episodes")
+        raise UsageError(f"window: {window}: there are {shortest} episodes")
     by_algorithm: dict[str, list[TrainedCurves]] = {}
     for training in trainings:
         by_algorithm.setdefault(training.algorithm, []).append(training)

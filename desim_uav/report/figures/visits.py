@@ -85,5 +85,5 @@ def chosen_drones(run: Run, drone: int | None) -> list[int]:
     if drone is None:
         return list(range(count))
     if not 0 <= drone < count:
-        raise UsageError(f"--drone {drone}: {run.folder} has the drones 0 to {count - 1}")
+        raise UsageError(f"drone: {drone}: {run.name} has the drones 0 to {count - 1}")
     return [drone]

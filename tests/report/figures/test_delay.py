@@ -78,7 +78,7 @@ def test_what_is_refused(runs, flat):
         delay_figure(flat)
     with pytest.raises(PolicyError, match="hover on seed 0 is given twice"):
         delay_figure([runs[0], runs[1], runs[0]])
-    with pytest.raises(UsageError, match="--episode 3"):
+    with pytest.raises(UsageError, match=r"^episode: 3: "):
         delay_figure(runs, episode=3)
 
 

@@ -99,7 +99,7 @@ class TestTraining:
         (other / "SHA256SUMS").unlink()
         with pytest.raises(PolicyError, match=r"its scenario is not that of .*: users is"):
             training_figure([trained[0], other])
-        with pytest.raises(UsageError, match="--window 61: there are 60 episodes"):
+        with pytest.raises(UsageError, match=r"^window: 61: there are 60 episodes"):
             training_figure(trained, window=61)
 
 
@@ -229,9 +229,9 @@ class TestVisits:
             visits_figure(bare)
 
     def test_no_such_drone_or_episode(self, flown):
-        with pytest.raises(UsageError, match=r"--drone 3: .* has the drones 0 to 2"):
+        with pytest.raises(UsageError, match=r"^drone: 3: .* has the drones 0 to 2"):
             visits_figure(flown, drone=3)
-        with pytest.raises(UsageError, match=r"--episode 2: .* has the episodes -1 to 1"):
+        with pytest.raises(UsageError, match=r"^episode: 2: .* has the episodes -1 to 1"):
             visits_figure(flown, episode=2)
 
 

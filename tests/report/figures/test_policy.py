@@ -128,9 +128,9 @@ def test_half_the_battery_and_the_lowest_level_unless_asked_for():
 @pytest.mark.parametrize(
     ("name", "asked", "message"),
     [
-        ("case8.npz", {"battery_min": 31}, "--battery-min 31: case8.npz has 0 to 30"),
-        ("case8.npz", {"level": 2}, "--level 2: case8.npz has 0 to 1"),
-        ("case8.npz", {"drone": 3}, "--drone 3: case8.npz has the drones 0 to 2"),
+        ("case8.npz", {"battery_min": 31}, "^battery_min: 31: case8.npz has 0 to 30"),
+        ("case8.npz", {"level": 2}, "^level: 2: case8.npz has 0 to 1"),
+        ("case8.npz", {"drone": 3}, "^drone: 3: case8.npz has the drones 0 to 2"),
         ("case1.npz", {"battery_min": 3}, "case1.npz has no battery_min in its states"),
         ("case1.npz", {"level": 0}, "case1.npz has no level in its states"),
     ],

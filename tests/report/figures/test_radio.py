@@ -292,10 +292,10 @@ class TestRefused:
 
     @pytest.mark.parametrize("level", [-1, 3])
     def test_a_level_that_does_not_exist(self, level):
-        with pytest.raises(UsageError, match=rf"--level {level}: town has the levels 0 to 2"):
+        with pytest.raises(UsageError, match=rf"level: {level}: town has the levels 0 to 2"):
             radio_figure(world_of(), level=level)
 
     @pytest.mark.parametrize("at_m", [(-1, 0), (0, 801), (float("nan"), 5)])
     def test_a_place_that_is_not_on_the_map(self, at_m):
-        with pytest.raises(UsageError, match=r"--at .*: the map of town goes from 0,0 to 1200,800"):
+        with pytest.raises(UsageError, match=r"^at: .*: the map of town goes from 0,0 to 1200,800"):
             radio_figure(world_of(), at_m=at_m)

@@ -140,7 +140,7 @@ def test_a_mixed_fleet_has_panels_for_each_type():
     assert headings(world, 0) == ["Energy of flight. scenario, 30 Wh"]
     assert len(energy_figure(world, 0).axes) == 3
     assert headings(world, 2) == ["Energy of flight. scenario, 30 Wh"]
-    with pytest.raises(UsageError, match=r"--drone 4: .* has the drones 0 to 3"):
+    with pytest.raises(UsageError, match=r"^drone: 4: .* has the drones 0 to 3"):
         energy_figure(world, 4)
 
 
