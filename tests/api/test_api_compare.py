@@ -103,6 +103,13 @@ class TestPolicies:
         assert part in str(caught.value)
 
 
+def test_no_measure_stands_for_the_default():
+    found = du.compare("tiny", policies=["hover", "random"], measure=[], **HOW)
+    usual = du.compare("tiny", policies=["hover", "random"], **HOW)
+    assert found.measures == usual.measures != ()
+    assert found.plot(measure=[]).axes
+
+
 def test_finished_runs():
     for policy in ("hover", "random"):
         du.run("case8", {"users.count": 12}, policy=policy, seeds=2, out=policy)
