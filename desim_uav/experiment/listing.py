@@ -46,6 +46,10 @@ class Listed(NamedTuple):
     measures: Mapping[str, float | None]
     keys: Keys
 
+    def uses(self, key: str) -> bool:
+        """Return whether a key of the scenario matters to it: only trainings learn."""
+        return self.entries.kind == TRAINING or not key.startswith("learning.")
+
 
 def listed(root: Path) -> list[Listed]:
     """Return the runs and trainings below a folder, the latest last.
@@ -53,15 +57,26 @@ def listed(root: Path) -> list[Listed]:
     A folder that cannot be read is left out, and a notice says why.
     """
     runs = []
-    for folder in sorted(file.parent for file in root.rglob("scenario.yaml")):
-        hidden = any(part.startswith(".") for part in folder.relative_to(root).parts)
-        if hidden or not (folder / "manifest.json").exists():
-            continue  # it is being written, or a scenario of the user's
+    for folder in sorted(file.parent for file in root.rglob("manifest.json")):
+        if any(part.startswith(".") for part in folder.relative_to(root).parts):
+            continue  # it is being written
         try:
-            runs.append(_read(folder))
+            if _is_run(folder):
+                runs.append(_read(folder))
         except DesimError as error:
             notice(f"left out: {error}")
     return sorted(runs, key=lambda one: (one.entries.finished, one.folder))
+
+
+def _is_run(folder: Path) -> bool:
+    """Return whether a folder with a manifest is that of a run, even if its scenario is missing.
+
+    Raises PolicyError if nothing says so, because the manifest cannot be read.
+    """
+    if (folder / "scenario.yaml").exists():
+        return True
+    content = read_json(folder / "manifest.json", Form, "the manifest of a run")
+    return {name for name, one in Entries.model_fields.items() if one.is_required()} <= {*content}
 
 
 def _read(folder: Path) -> Listed:
@@ -101,24 +116,26 @@ def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 def differences(runs: Sequence[Listed]) -> list[dict[str, Any]]:
     """Return for each run the keys in which it differs from others of its scenario's name.
 
-    A key that not all of them have is None where it is missing.
+    A key that not all of them have is None where it is missing, and one that a run does not use is
+    no difference of it.
     """
     of_name = defaultdict(list)
     for run in runs:
-        of_name[run.entries.scenario].append(run.keys)
-    differing = {name: _differing(scenarios) for name, scenarios in of_name.items()}
-    return [{key: run.keys.get(key) for key in differing[run.entries.scenario]} for run in runs]
+        of_name[run.entries.scenario].append(run)
+    differing = {name: _differing(own) for name, own in of_name.items()}
+    return [
+        {key: run.keys.get(key) for key in differing[run.entries.scenario] if run.uses(key)}
+        for run in runs
+    ]
 
 
-def _differing(scenarios: Sequence[Keys]) -> list[str]:
+def _differing(runs: Sequence[Listed]) -> list[str]:
     """Return the keys that differ; of components of different kinds, their kinds only."""
-    names = dict.fromkeys(name for keys in scenarios for name in keys)
-    unlike = {
-        name: None
-        for name in names
-        if name not in IDENTITY
-        and any(keys.get(name) != scenarios[0].get(name) for keys in scenarios)
-    }
+    unlike: dict[str, None] = {}
+    for name in dict.fromkeys(name for run in runs for name in run.keys if name not in IDENTITY):
+        values = [run.keys.get(name) for run in runs if run.uses(name)]
+        if any(value != values[0] for value in values):
+            unlike[name] = None
     return [name for name in unlike if not any(above in unlike for above in _above(name))]
 
 

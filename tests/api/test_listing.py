@@ -63,6 +63,45 @@ def test_entries_of_a_list_differ_by_their_keys():
     assert du.list_runs()["differs"].tolist() == ["drones.0.count=1", "drones.0.count=2"]
 
 
+def test_only_trainings_differ_in_how_they_learn():
+    keys = {"episode.steps": 4}
+    for episodes in (2, 3):
+        du.train("case1", keys, episodes=episodes, out=f"runs/t{episodes}", progress=False)
+        if episodes == 2:
+            for alpha in (0.1, 0.2):
+                how: dict[str, Any] = {"policy": "hover", "engine": "des", "progress": False}
+                du.run("case1", {**keys, "learning.alpha": alpha}, out=f"runs/r{alpha}", **how)
+            assert du.list_runs()["differs"].tolist() == ["", "", ""]
+    frame = du.list_runs()
+    assert frame["differs"].tolist() == ["learning.episodes=2", "", "", "learning.episodes=3"]
+    assert frame["learning.episodes"].tolist() == [2, None, None, 3]
+
+
+def test_a_damaged_folder_is_told_of_and_another_manifest_is_not(
+    capsys: pytest.CaptureFixture[str],
+):
+    for name in ("half", "sealed", "lacking"):
+        fly(name)
+    for name in ("half", "sealed"):
+        manifest = Path(f"runs/{name}/manifest.json")
+        manifest.write_text(manifest.read_text()[:50])
+        Path(f"runs/{name}/scenario.yaml").unlink()
+    Path("runs/half/SHA256SUMS").unlink()
+    Path("runs/lacking/scenario.yaml").unlink()
+    for name, text in (("other", '{"icons": []}'), ("begun", "{")):
+        Path(f"runs/{name}").mkdir()
+        Path(f"runs/{name}/manifest.json").write_text(text)
+    assert len(du.list_runs()) == 0
+    told = capsys.readouterr().err.splitlines()
+    starts = [line.removeprefix("desim-uav: left out: runs/") for line in told]
+    assert [" ".join(start.split()[:3]) for start in starts] == [
+        "begun/manifest.json: not a",
+        "half/manifest.json: not a",
+        "lacking/scenario.yaml: cannot be",
+        "sealed/manifest.json: the file",
+    ]
+
+
 def test_what_cannot_be_read_is_left_out_with_a_notice(capsys: pytest.CaptureFixture[str]):
     for name in ("one", "two", "three"):
         fly(name)
