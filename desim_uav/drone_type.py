@@ -24,10 +24,11 @@ from desim_uav.model.motion.planner import HOPS, Node, Planner
 from desim_uav.model.motion.space import Space, space_of
 from desim_uav.model.motion.wind import flown_along, motion_in, rest_in
 from desim_uav.model.offloading import shares_of
-from desim_uav.model.rules import MOVES, US, Choice, actions, free_actions, kind_of
+from desim_uav.model.rules import MOVES, NEVER, US, Choice, actions, free_actions, kind_of
 from desim_uav.model.services import MICROBITS
 from desim_uav.scenario.drones import Drones, flies_freely
 from desim_uav.scenario.schema import Scenario
+from desim_uav.scenario.shield import drain_of_hover
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,21 +196,25 @@ class DroneType(Unchanging):
         processor = self.drones.processor
         return 0 if processor is None or not self.in_joules else processor.most_uw
 
-    def needs(self, ceiling: bool) -> NDArray[np.int64]:
+    def needs(self, ceiling: bool, early: bool = True) -> NDArray[np.int64]:
         """Return what a shielded drone needs at each place (see ``model.motion.needs.needs_of``).
 
         Returns are planned from where drones believe to be, and do not count if they may be wrong.
-        Moves do not count if drones give way to others.
+        Moves do not count if drones give way to others. If a drone may not return ``early``, that
+        is above ``return_below``, a return counts where it is allowed to a drone that cannot hover
+        any more, because it takes at most what ``return_below`` leaves after a hover.
         """
-        if ceiling not in self._needs:
+        if (ceiling, early) not in self._needs:
             scenario = self.scenario
-            returns = scenario.position_noise is None
+            most = NEVER if early else self.return_charge - drain_of_hover(scenario, self.drones)
+            most = -1 if scenario.position_noise is not None else most
             moves = {} if scenario.on_conflict == "hover_higher_index" else self._taken_by_moves
-            self._needs[ceiling] = needs_of(self.planner, ceiling, returns, self.draws_uw, moves)
-        return self._needs[ceiling]
+            needs = needs_of(self.planner, ceiling, most, self.draws_uw, moves)
+            self._needs[ceiling, early] = needs
+        return self._needs[ceiling, early]
 
     @cached_property
-    def _needs(self) -> dict[bool, NDArray[np.int64]]:
+    def _needs(self) -> dict[tuple[bool, bool], NDArray[np.int64]]:
         return {}
 
     def taken_by(self, flight: Transit, span_us: int) -> int:

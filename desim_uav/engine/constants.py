@@ -61,7 +61,7 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.lowest_m, constants.level_step_m = grid.levels_m[0], grid.level_step_m
     constants.width_m, constants.depth_m = world.area
     _set_flights(constants, world)
-    _set_needs(constants, world, settings)
+    set_needs(constants, world, settings)
     constants.levels_m = Table(grid.levels_m)
     constants.blocked = Table(np.asarray(grid.blocked).reshape(-1).astype(int).tolist())
     station_at = np.full(grid.cells, -1, np.int64)
@@ -96,15 +96,20 @@ def _type(world: World, number: int) -> TypeRow:
     return row
 
 
-def _set_needs(constants: Constants, world: World, settings: RunSettings) -> None:
-    """Set what shielded drones need at all places, without the drones' ceiling and below it."""
+def set_needs(
+    constants: Constants, world: World, settings: RunSettings, early: bool = True
+) -> None:
+    """Set what shielded drones need at all places, without the drones' ceiling and below it.
+
+    ``early``: they may return above ``return_below`` if they cannot hover any more.
+    """
     shape = 2, *world.grid.blocked.shape
     needs: list[int] = []
     for row, own in zip(constants.types, world.types, strict=True):
-        if own.shielded and not own.free:
+        if row.shielded and not own.free:
             row.first_need, every = len(needs), np.full(shape, NEVER, np.int64)
             for ceiling in set(settings.ceilings):
-                needed = own.needs(ceiling)
+                needed = own.needs(ceiling, early)
                 every[int(ceiling), : len(needed)] = needed
             needs += every.ravel().tolist()
     constants.needs = Table(needs)

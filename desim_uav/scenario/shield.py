@@ -20,12 +20,18 @@ from desim_uav.scenario.yaml12 import KeyPath
 def shields_hold(scenario: Scenario) -> Iterator[Finding]:
     """Shielded drones that could not be kept from a crash."""
     for path, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
-        if drones.shielded and drones.battery is not None:
-            key = (*path, "shielded")
-            yield from _battery_lasts(scenario, drones, key, (*path, "battery"))
-            if not flies_freely(drones):
-                yield from _ways_are_sure(scenario, key)
-                yield from _ways_are_few(scenario, key)
+        if drones.shielded:
+            yield from what_is_unsure(scenario, drones, path)
+
+
+def what_is_unsure(scenario: Scenario, drones: Drones, path: KeyPath) -> Iterator[Finding]:
+    """What keeps a shield from holding for a type of drones, whose key is ``path``."""
+    if drones.battery is not None:
+        key = (*path, "shielded")
+        yield from _battery_lasts(scenario, drones, key, (*path, "battery"))
+        if not flies_freely(drones):
+            yield from _ways_are_sure(scenario, key)
+            yield from _ways_are_few(scenario, key)
 
 
 def _battery_lasts(
@@ -34,22 +40,34 @@ def _battery_lasts(
     """A full battery with which a drone could not leave a station for one command."""
     energy, charging = drones.battery, scenario.charging
     assert energy is not None and charging is not None
-    decisions, step_s = scenario.decisions, scenario.episode.step_s
-    hover_s = decisions.patience_s if decisions.by_event else step_s
     try:
-        drain = energy.drain_of(rest_in(scenario.wind_mps), round(hover_s * US))
-        if drones.processor is not None and in_joules(energy):
-            drain += drawn_uj(drones.processor.most_uw, round(hover_s * US))
+        drain = drain_of_hover(scenario, drones)
         full = charging.full(capacity_of(energy))
     except FAULTS:
         return  # which another check reports
     if full <= drain:
         yield Finding(
             key,
-            f"a full battery does not last longer than a hover of {hover_s:g} s, so that a drone "
-            "could never leave a station",
+            f"a full battery does not last longer than a hover of {_hover_s(scenario):g} s, "
+            "so that a drone could never leave a station",
             (battery, ("stations", "charging"), ("episode", "step_s"), ("decisions",)),
         )
+
+
+def drain_of_hover(scenario: Scenario, drones: Drones) -> int:
+    """Return what a hover takes of a battery until the next command, with its processor."""
+    energy, span_us = drones.battery, round(_hover_s(scenario) * US)
+    if energy is None:
+        return 0
+    drain = energy.drain_of(rest_in(scenario.wind_mps), span_us)
+    if drones.processor is not None and in_joules(energy):
+        drain += drawn_uj(drones.processor.most_uw, span_us)
+    return drain
+
+
+def _hover_s(scenario: Scenario) -> float:
+    decisions, step_s = scenario.decisions, scenario.episode.step_s
+    return decisions.patience_s if decisions.by_event else step_s
 
 
 def _ways_are_sure(scenario: Scenario, key: KeyPath) -> Iterator[Finding]:

@@ -474,6 +474,18 @@ def test_a_network_flies_with_the_observation_that_it_needs(cli, tmp_path):
 
 
 @pytest.mark.thorough
+def test_a_shielded_policy_flies_the_frozen_scenario(cli, tmp_path):
+    task = ("bench", "run", "uav-v1/endurance/small", "--policy", "shielded:random", "--seeds", 1)
+    done = cli(*task, "--out", tmp_path / "safe")
+    assert done.code == 0, done.err
+    found = read(tmp_path / "safe")
+    assert [each.policy for each in found.about.trainings] == ["shielded:random"]
+    assert found.about.information.startswith("nothing; for its shield the map")
+    assert found.rows[0]["crashes_per_drone_episode"] == 0
+    assert not differences(found, decide=True)
+
+
+@pytest.mark.thorough
 def test_the_board_of_two_folders(cli, folder, tmp_path):
     done = cli("bench", "board", folder / "table", folder / "baseline", "-o", tmp_path / "a.md")
     assert done.code == 0, done.err

@@ -535,7 +535,7 @@ def test_numpy_numbers_are_commands():
         (
             "RANDOM",
             "allowed: baseline, clairvoyant, dispatcher, greedy, hover, mlp, planner, random, "
-            "rllib, rollout, sb3, script, table, tour",
+            "rllib, rollout, sb3, script, shielded, table, tour",
         ),
         ("", "unknown policy"),
         (f"{HERE}:Deaf", "no method 'act'"),

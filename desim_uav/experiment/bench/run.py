@@ -34,7 +34,7 @@ from desim_uav.experiment.provenance import clock, versions
 from desim_uav.model.observations import information_of
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
-from desim_uav.policies.base import as_seen, file_of
+from desim_uav.policies.base import as_seen, base_of, file_of
 from desim_uav.run_folder import RunPlace
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
@@ -206,8 +206,14 @@ def _knowledge(policy: str, scenario: Scenario) -> dict[str, Any]:
 
 
 def information(policy: str, scenario: Scenario) -> str:
-    """Return what a policy uses: what it declares, or else what its observation declares."""
-    loaded = load_policy(policy)
+    """Return what a policy uses: what it declares, or else what its observation declares.
+
+    One that declares what it uses ``besides`` its base uses that and what the base uses.
+    """
+    loaded, base = load_policy(policy), base_of(policy)
+    besides: str | None = getattr(loaded, "besides", None)
+    if base is not None and besides is not None:
+        return f"{information(base, scenario)}; {besides}"
     own = getattr(loaded, "information", None) or OWN_KNOWLEDGE.get(policy)
     return str(own or information_of(as_seen(scenario, loaded).observation))
 

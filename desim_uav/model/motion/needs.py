@@ -19,23 +19,24 @@ def drawn_uj(draws_uw: int, lasts_us: int) -> int:
 
 
 def needs_of(
-    planner: Planner, ceiling: bool, returns: bool, draws_uw: int, moves: Mapping[Node, int]
+    planner: Planner, ceiling: bool, most: int, draws_uw: int, moves: Mapping[Node, int]
 ) -> NDArray[np.int64]:
     """Return what a drone needs at each place (levels, nx, ny), in units of its battery.
 
-    With more than that it can reach a station: by the planned return, if ``returns``, or by moves
-    to neighbours, each of which takes as much as ``moves`` says. It is NEVER where there is no way,
-    and in buildings. A processor draws at most ``draws_uw`` besides.
+    With more than that it can reach a station: by the planned return, if this takes at most
+    ``most``, or by moves to neighbours, each of which takes as much as ``moves`` says. It is NEVER
+    where there is no way, and in buildings. A processor draws at most ``draws_uw`` besides.
     """
     blocked = planner.grid.blocked[: planner.grid.levels(ceiling)]
     needs = np.full(blocked.shape, NEVER, np.int64)
     for x, y in planner.stations:
         needs[0, x, y] = 0
-    if returns:
+    if most >= 0:
         for level, x, y in np.argwhere(~blocked).tolist():
             back = planner.search((x, y, level), ceiling)
-            if back is not None:
-                needs[level, x, y] = back.drain + drawn_uj(draws_uw, back.duration_us)
+            taken = NEVER if back is None else back.drain + drawn_uj(draws_uw, back.duration_us)
+            if taken <= most:
+                needs[level, x, y] = taken
     needs[blocked] = NEVER
     while True:
         before = needs.copy()
