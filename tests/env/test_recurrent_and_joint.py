@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from gymnasium.wrappers import FlattenObservation
 
 import desim_uav.env
 from desim_uav.env import InTurn, JointActions, UavEnv
+from desim_uav.shipped import scenario_path
 
 sb3 = pytest.importorskip("stable_baselines3")
 contrib = pytest.importorskip("sb3_contrib")
@@ -25,6 +27,8 @@ pytestmark = [
 SMALL: dict[str, Any] = {"seed": 0, "policy_kwargs": {"net_arch": [16]}}
 ONCE: dict[str, Any] = {**SMALL, "n_steps": 31, "batch_size": 31, "n_epochs": 1}
 LOCAL = {"observation.kind": "local"}
+HOW_TO = Path(__file__).parents[2] / "docs" / "howto" / "environments.md"
+REMEDY = "observation: {kind: local}"
 
 
 def made(config: dict[str, Any] | None = None) -> UavEnv:
@@ -84,12 +88,20 @@ def in_turn() -> Any:
     return vec_env.DummyVecEnv([lambda: InTurn(made())])
 
 
-@pytest.mark.parametrize("make", [flattened, one_hot, local, in_turn])
-def test_recurrent_networks_and_wrappers_that_need_a_box(make: Callable[[], Any]):
+def learners(env: Any) -> list[Callable[[], Any]]:
+    """Learners on an environment, whose making fails if they need a Box and there is none."""
     small = {**ONCE, "policy_kwargs": {"net_arch": [16], "lstm_hidden_size": 16}}
-    contrib.RecurrentPPO("MlpLstmPolicy", make(), **small).learn(31)
-    for env in (vec_env.VecNormalize(make()), vec_env.VecFrameStack(make(), 3)):
-        sb3.PPO("MlpPolicy", env, **ONCE).learn(31)
+    return [
+        lambda: contrib.RecurrentPPO("MlpLstmPolicy", env, **small),
+        lambda: sb3.PPO("MlpPolicy", vec_env.VecNormalize(env), **ONCE),
+        lambda: sb3.PPO("MlpPolicy", vec_env.VecFrameStack(env, 3), **ONCE),
+    ]
+
+
+@pytest.mark.parametrize("make_env", [flattened, one_hot, local, in_turn])
+def test_recurrent_networks_and_wrappers_that_need_a_box(make_env: Callable[[], Any]):
+    for make in learners(make_env()):
+        make().learn(31)
 
 
 def test_one_hot_vectors_are_those_of_gymnasium():
@@ -121,13 +133,18 @@ def test_one_hot_vectors_are_those_of_gymnasium():
     assert same(one.step(np.zeros((3, 3), int))[0], other.step(np.zeros((3, 3), int))[0])
 
 
-def test_the_default_observation_is_no_box():
-    """The how-to says so, and names what to do."""
-    small = {**ONCE, "policy_kwargs": {"net_arch": [16], "lstm_hidden_size": 16}}
-    env = vec_env.DummyVecEnv([made])
-    with pytest.raises(TypeError, match="input_size"):
-        contrib.RecurrentPPO("MlpLstmPolicy", env, **small)
-    with pytest.raises(ValueError, match="VecNormalize only supports"):
-        vec_env.VecNormalize(env)
-    with pytest.raises(AssertionError, match="VecFrameStack only works"):
-        vec_env.VecFrameStack(env, 3)
+def test_the_how_to_has_what_libraries_say_of_the_default_observation():
+    text = HOW_TO.read_text(encoding="utf-8")
+    for make in learners(vec_env.DummyVecEnv([made])):
+        with pytest.raises((TypeError, ValueError, AssertionError)) as error:
+            make()
+        said, _, _ = f"{error.type.__name__}: {error.value}".partition("(")
+        assert f"\n{said}" in text
+
+
+def test_the_line_that_the_how_to_names_mends_it(tmp_path: Path):
+    assert f"`{REMEDY}`" in HOW_TO.read_text(encoding="utf-8")
+    file = tmp_path / "case8.yaml"
+    file.write_text(scenario_path("case8").read_text(encoding="utf-8") + REMEDY, encoding="utf-8")
+    for make in learners(vec_env.DummyVecEnv([lambda: UavEnv(file, engine="batch")])):
+        make().learn(31)
