@@ -46,7 +46,13 @@ def test_markdown(text):
     row |= dict.fromkeys(("qoe1_percent", "qoe3_percent", "fairness", "decision_ms"))
     row |= dict.fromkeys(("crashes_per_drone_episode", "worst_tenth_qoe1_percent", "j_per_mbit"))
     row |= dict.fromkeys(("to_best", "better_than_best", "better_than_reference"))
-    row |= {"trainings": None, "seeds": 10, "all_seeds": 10, "checked": "claimed"}
+    row |= {
+        "trainings": None,
+        "seeds": 10,
+        "all_seeds": 10,
+        "different_runs": 10,
+        "checked": "claimed",
+    }
     table = {"task": "t", "track": "one", "bounded": True, "scored": True, "measures": []}
     page = board([table | {"rows": [row]}])
     assert page.count(written) == 2 and page.count("\n") == 5

@@ -246,6 +246,7 @@ def submitted(name, *values, future=False, task="uav-v1/coverage", crashes=0.0):
     rows = [
         ROW
         | {"training": n, "seed": 100 + k, "crashes_per_drone_episode": crashes}
+        | {"digest": f"{value}"}
         | {"qoe1_percent": value, "qoe3_percent": value}
         for n, one in enumerate(values)
         for k, value in enumerate(one)
@@ -319,6 +320,13 @@ def test_the_board_counts_trainings_and_seeds(zeros):
     assert baseline["trainings"] is None
     page = markdown([table])
     assert "| claimed | 2 of 10 | 2 of 10 |" in page and "| claimed | - | 2 of 10 |" in page
+
+
+def test_the_board_says_how_many_runs_differ(zeros):
+    """Where nothing is random, all seeds are one run."""
+    (table,) = board([submitted("greedy", [70.0, 70.0]), submitted("ppo", [60.0, 61.0])])
+    assert [row["different_runs"] for row in table["rows"]] == [1, 2]
+    assert "| 2 of 10 (1 different) |" in markdown([table])
 
 
 def test_a_board_without_references_has_no_scores():
