@@ -10,11 +10,13 @@ import shutil
 import signal
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
@@ -735,3 +737,40 @@ def test_a_schedule_of_harvest_has_the_age_of_a_run_and_becomes_better(monkeypat
     monkeypatch.setattr(script, "TRIPS", 0)
     plans.append(script.repeating(*of))
     assert script.lowest(*of, plans[1:], 0) > script.lowest(*of, plans, 0) == first
+
+
+def box(width, height, roof_m, ridge_m=0.0):
+    """The triangles of a house with upright walls, and with a roof that may rise to a ridge."""
+    corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]
+    walls = []
+    for (x0, y0), (x1, y1) in pairwise([*corners, corners[0]]):
+        low, high = ((x0, y0, 0.0), (x1, y1, 0.0)), ((x0, y0, roof_m), (x1, y1, roof_m))
+        walls += [(low[0], low[1], high[1]), (low[0], high[1], high[0])]
+    top = (width / 2, height / 2, roof_m + ridge_m)
+    roof = [
+        ((*one, roof_m), (*other, roof_m), top) for one, other in pairwise([*corners, corners[0]])
+    ]
+    return np.array(walls + roof)
+
+
+def test_buildings_of_a_scene_are_taken_as_they_are_or_not_at_all():
+    script = importlib.import_module("munich")
+    outline, roof_m = script.prism_of(box(30.0, 20.0, 10.0))
+    assert outline.equals(shapely.box(0, 0, 30, 20)) and roof_m == 10.0
+    assert script.prism_of(box(30.0, 20.0, 10.0, ridge_m=2.0)) is None
+    assert script.prism_of(np.add(box(30.0, 20.0, 10.0), (0.0, 0.0, 1.0))) is None
+    assert script.prism_of(box(30.0, 20.0, 10.0)[:-2]) is None  # half of the roof is missing
+    assert script.prism_of(box(30.0, 20.0, 10.0)[-4:]) is None  # a roof without walls
+
+
+@pytest.mark.thorough
+def test_links_past_the_buildings_of_a_scene():
+    script = importlib.import_module("munich")
+    house = script.prism_of(box(30.0, 20.0, 10.0))
+    ends = [(-10.0, 10.0, 1.5), (40.0, 10.0, 60.0)], [(-10.0, 10.0, 1.5), (40.0, 10.0, 20.0)]
+    past = [(-10.0, 25.0, 1.5), (40.0, 25.0, 20.0)]
+    lines = np.array([*ends, past])
+    assert script.blocked([house], lines).tolist() == [False, True, False]
+    # They enter the house at 13.2 and 5.2 m, under a roof at 10 m, and the third is 5 m beside.
+    deepest = [script.deepest_m([house], line) for line in lines]
+    assert deepest == pytest.approx([-3.2, 4.8, -5.0])
