@@ -17,9 +17,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -27,7 +25,7 @@ from numpy.random import Generator
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.experiment.bench.tasks import TRACKS
-from desim_uav.experiment.processes import run_each
+from desim_uav.experiment.processes import results_of
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.optimum.run.ages import ROUNDS, BoundedAges
 from desim_uav.sample_path import SamplePath, draw
@@ -67,19 +65,13 @@ def main() -> None:
     ages, bounds = [], []
     for seed in TRACKS["one"].seeds[: asked.seeds]:
         episodes = [(asked.size, seed, episode) for episode in range(asked.episodes)]
-        plans = each_of(repeating, episodes, asked.jobs)
+        plans = results_of(repeating, episodes, asked.jobs)
         work = [(*one, plans, asked.trials) for one in episodes]
-        ages.append(np.mean(each_of(lowest, work, asked.jobs)))
+        ages.append(np.mean(results_of(lowest, work, asked.jobs)))
         run = BoundedAges(world_of(asked.size), seed, asked.episodes, asked.rounds)
         bounds.append(run.age_at_least_s())
         print(f"seed {seed}: {ages[-1]:.1f} s, no policy is below {bounds[-1]:.1f} s", flush=True)
     print(f"mean {np.mean(ages):.1f} s, {np.mean(ages) / np.mean(bounds) - 1:.1%} above the bound")
-
-
-def each_of(function: Callable[..., Any], work: Sequence[tuple[Any, ...]], jobs: int) -> list[Any]:
-    """Return the results of a function, of which so many are computed at a time."""
-    with closing(run_each(function, work, jobs)) as ended:
-        return [result for _, result in sorted(ended, key=lambda one: one[0])]
 
 
 def world_of(size: str) -> World:

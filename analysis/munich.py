@@ -7,8 +7,9 @@ The scene comes with Sionna RT, and so do the rays: paths of depth 0. Its buildi
 and upright walls are taken as they are, and the others are left out on both sides, because cities
 of desim-uav have no other roofs. Drones hover above the roofs in the middle of the map, and users
 stand outside of buildings. Prints how many links are blocked, and for each link that differs, by
-how much it passes through a building or over all of them. Sionna RT needs LLVM 15 or later
-(DRJIT_LIBLLVM_PATH). Exits with 6 if a link differs that is not within 1 cm of an edge.
+how much it passes through a building or misses all of them. On a processor Sionna RT needs LLVM,
+whose library DRJIT_LIBLLVM_PATH names: version 14 was too old, and 19 was used. Exits with 6 if a
+link differs that passes or misses a building by more than 1 cm.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ USER_M, DRONES_M = 1.5, (40.0, 150.0)
 
 USERS = 1000
 NEAR_M = 0.01
-"""Sionna RT computes with single precision, in which places on the map have steps of 0.06 mm."""
+"""A link may differ if it passes or misses a building by at most this much, because Sionna RT
+computes with single precision, in which places on the map are 0.06 mm apart."""
 
 Lines = NDArray[np.float64]
 """Users and drones: (links, 2, 3), in metres."""

@@ -137,11 +137,11 @@ def bench_verify(
     from desim_uav.experiment.bench.sealed import revealed as tracks_of
     from desim_uav.experiment.bench.submission import read
     from desim_uav.experiment.bench.tasks import ENGINE
-    from desim_uav.experiment.bench.verify import differences
+    from desim_uav.experiment.bench.verify import differences, runs_of
     from desim_uav.experiment.progress import progress as shown
 
     submission = read(Path(folder), tracks_of(_path(revealed)))
-    with shown(progress, len(submission.rows), "runs", ENGINE) as advance:
+    with shown(progress, runs_of(submission), "runs", ENGINE) as advance:
         listed = differences(submission, decide=decide, jobs=jobs, on_run=advance)
     if receipts is not None and not listed:
         add_receipt(Path(receipts), submission.folder, decide)

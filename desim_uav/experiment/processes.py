@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
@@ -106,6 +106,24 @@ def run_each(
                 if isinstance(result, Exception):
                     raise result
                 yield number, died(DIED) if result is DIED and died is not None else result
+
+
+def results_of(
+    function: Callable[..., T],
+    tasks: Sequence[tuple[Any, ...]],
+    jobs: int,
+    on_each: Callable[[], None] = lambda: None,
+) -> list[T]:
+    """Return the results of ``run_each`` in the order of tasks, and call ``on_each`` after each.
+
+    Raises what ``run_each`` raises.
+    """
+    results: dict[int, T] = {}
+    with closing(run_each(function, tasks, jobs)) as ended:
+        for number, result in ended:
+            results[number] = result
+            on_each()
+    return [results[number] for number in range(len(tasks))]
 
 
 def _sent(worker: Connection, number: int) -> Connection:

@@ -34,7 +34,7 @@ class Shielded:
     """
 
     besides = "for its shield the map, and the places and batteries of the drones now"
-    """What it uses besides what its base uses."""
+    """What the shield itself uses, in words; the base uses its own information."""
 
     def __init__(self, argument: str = "", base: Any = None) -> None:
         """Take the base by its name, or as any policy. Raises PolicyError if it cannot be loaded.

@@ -62,7 +62,7 @@ def crashes(result: Any) -> int:
 
 
 def obeys_its_scenario(result: Any) -> bool:
-    """Whether all commands were allowed."""
+    """Whether every drone did what the policy commanded, which the engine does if it is allowed."""
     told = result.steps[result.steps["action"].notna()]
     return bool((told["action"] == told["action_taken"]).all())
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
 from typing import Any
 
 from desim_uav.errors import DesimError
@@ -19,7 +18,7 @@ from desim_uav.experiment.bench.measure import measure, replay
 from desim_uav.experiment.bench.run import about
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, BenchTrack, Task
-from desim_uav.experiment.processes import run_each
+from desim_uav.experiment.processes import results_of
 from desim_uav.measures.known import KNOWN
 
 FIXED = {"engine": ENGINE, "episodes": EPISODES, "warmup": WARMUP}
@@ -53,17 +52,19 @@ def differences(
         (task, track, row, commands, submission.about.ceiling, policies[row["training"]])
         for row, commands in zip(submission.rows, submission.commands, strict=True)
     ]
-    if track.folder is not None:
-        revealed = [(task, track, seed) for seed in dict.fromkeys(submission.about.seeds)]
-        with closing(run_each(of_set, revealed, jobs)) as ended:
-            lines_of = dict(ended)
-        listed += [line for number in sorted(lines_of) for line in lines_of[number]]
-    lines: dict[int, list[str]] = {}
-    with closing(run_each(of_seed, work, jobs)) as ended:
-        for number, lines_of_run in ended:
-            lines[number] = lines_of_run
-            on_run()
-    return listed + [line for number in sorted(lines) for line in lines[number]]
+    revealed = [(task, track, seed) for seed in _revealed_seeds(submission)]
+    found = results_of(of_set, revealed, jobs, on_run) + results_of(of_seed, work, jobs, on_run)
+    return listed + [line for lines in found for line in lines]
+
+
+def runs_of(submission: Submission) -> int:
+    """Return how many runs ``differences`` flies: the submission's, and a revealed set's."""
+    return len(submission.rows) + len(_revealed_seeds(submission))
+
+
+def _revealed_seeds(submission: Submission) -> list[int]:
+    """Return the seeds whose references and bounds are not those of the package."""
+    return [] if submission.track.folder is None else list(dict.fromkeys(submission.about.seeds))
 
 
 def of_set(task: Task, track: BenchTrack, seed: int) -> list[str]:
