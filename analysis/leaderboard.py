@@ -62,8 +62,8 @@ NETWORKS = {"ppo": ("-S", "world_seed=0"), "ppo_any": ("--worlds", "train")}
 are those of ``desim-uav train``, which train tables as the task's key ``learning`` says."""
 
 SETTINGS = ("--steps", "400000", "-S", "episode.steps=120")
-"""The settings of networks; all others are the defaults of ``policies/ppo.py``, but a task keeps
-its reward if that is one of QoE, deadlines or age."""
+"""The settings of networks, beside the task's own reward; all others are the defaults of
+``policies/ppo.py``."""
 
 
 @dataclass(frozen=True)
@@ -318,7 +318,7 @@ def trained(training: Training) -> float:
 def own_reward(task: Task) -> list[str]:
     """Return the options by which a network is trained on the task's own reward."""
     reward = yaml.safe_load(task.path.read_text(encoding="utf-8"))["reward"]
-    return ["-S", f"reward={json.dumps(reward)}"] if reward["kind"] == "qoe" else []
+    return ["-S", f"reward={json.dumps(reward)}"]
 
 
 def steps_of(entry: Entry) -> int | None:
