@@ -5,12 +5,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from desim_uav.learning.sparse import slopes_of_sums, sums
+from desim_uav.rowcode.kernels import kernel
 
 Numbers = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -29,7 +33,8 @@ class Network:
     """Fully connected layers, with max(0, x) between them.
 
     ``layers`` holds the numbers (inputs + 1, outputs) of each, the last row for biases, and
-    ``slopes`` their slopes; both are parts of one array each.
+    ``slopes`` their slopes; both are parts of one array each. The first layer leaves out inputs
+    of 0.
     """
 
     def __init__(self, sizes: Sequence[int], last_gain: float, rng: np.random.Generator) -> None:
@@ -47,19 +52,20 @@ class Network:
 
     def forward(self, inputs: Numbers) -> list[Numbers]:
         """Return the inputs of each layer, and the outputs of the last one."""
-        values = [inputs]
-        for layer in self.layers:
-            inputs = np.maximum(values[-1], 0.0, out=values[-1]) if len(values) > 1 else inputs
+        first, *others = self.layers
+        values = [inputs, sums(inputs, first)]
+        for layer in others:
+            inputs = np.maximum(values[-1], 0.0, out=values[-1])
             values.append(inputs @ layer[:-1] + layer[-1])
         return values
 
     def back(self, values: Sequence[Numbers], slopes: Numbers) -> None:
         """Work out the slopes in all numbers, from what ``forward`` returned and its slopes."""
-        for k in reversed(range(len(self.layers))):
+        for k in reversed(range(1, len(self.layers))):
             np.matmul(values[k].T, slopes, out=self.slopes[k][:-1])
             np.sum(slopes, 0, out=self.slopes[k][-1])
-            if k:
-                slopes = (slopes @ self.layers[k][:-1].T) * (values[k] > 0)
+            slopes = (slopes @ self.layers[k][:-1].T) * (values[k] > 0)
+        slopes_of_sums(values[0], slopes, self.slopes[0])
 
 
 def _orthogonal(inputs: int, outputs: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -79,14 +85,25 @@ class Adam:
 
     def step(self, rate: float) -> None:
         """Move all numbers against their slopes."""
-        norm = float(np.sqrt(sum(np.square(one.all_slopes).sum() for one in self.networks)))
+        norm = math.sqrt(sum(np.dot(one.all_slopes, one.all_slopes) for one in self.networks))
         self.steps += 1
+        scale = min(1.0, LARGEST_NORM / (norm + 1e-6))
+        corrected = rate / (1 - MEAN**self.steps), 1 / (1 - SQUARE**self.steps)
+        of_step = np.array([scale, *corrected], np.float32)
         for network, moments in zip(self.networks, self.moments, strict=True):
-            slopes = network.all_slopes * np.float32(min(1.0, LARGEST_NORM / (norm + 1e-6)))
-            moments[0] += (1 - MEAN) * (slopes - moments[0])
-            moments[1] += (1 - SQUARE) * (slopes * slopes - moments[1])
-            root = np.sqrt(moments[1] / (1 - SQUARE**self.steps)) + EPSILON
-            network.numbers -= rate / (1 - MEAN**self.steps) * moments[0] / root
+            _moved(network.numbers, network.all_slopes, moments[0], moments[1], of_step)
+
+
+@kernel
+def _moved(numbers: Any, slopes: Any, means: Any, squares: Any, of_step: Any) -> None:
+    """Move numbers by a step of Adam, of a scale of slopes, a rate and a scale of squares."""
+    scale, rate, of_squares = of_step
+    one, mean, square = np.float32(1.0), np.float32(MEAN), np.float32(SQUARE)
+    for k in range(len(numbers)):
+        slope = scale * slopes[k]
+        means[k] += (one - mean) * (slope - means[k])
+        squares[k] += (one - square) * (slope * slope - squares[k])
+        numbers[k] -= rate * means[k] / (np.sqrt(of_squares * squares[k]) + np.float32(EPSILON))
 
 
 class Cells:

@@ -95,6 +95,20 @@ def test_adam_moves_by_the_rate_and_scales_large_slopes_down():
     assert np.allclose(adam.moments[0][0], [0.03, -0.04]), "a tenth of slopes of the norm 0.5"
 
 
+def test_steps_of_adam_are_those_of_its_authors():
+    """Kingma and Ba, 2015, algorithm 1, with the epsilon beside the corrected root."""
+    network, rng = Network([2, 1], 1.0, np.random.default_rng(6)), np.random.default_rng(7)
+    adam, numbers = Adam([network]), network.numbers.astype(np.float64)
+    mean, square = np.zeros((2, 3))
+    for step in range(1, 6):
+        network.all_slopes[:] = slopes = 0.1 * rng.normal(size=3).astype(np.float32)
+        adam.step(0.01)
+        mean, square = 0.9 * mean + 0.1 * slopes, 0.999 * square + 0.001 * slopes.astype(float) ** 2
+        root = np.sqrt(square / (1 - 0.999**step)) + 1e-5
+        numbers -= 0.01 * mean / (1 - 0.9**step) / root
+        assert np.allclose(network.numbers, numbers, atol=1e-5)
+
+
 def test_only_the_critic_depends_on_the_state():
     agent = Agent(3, 2, (), 4, 32, 0)
     seen, states = RNG.normal(size=(1, 3)).astype(np.float32), np.ones((1, 2), np.float32)
