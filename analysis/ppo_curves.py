@@ -120,7 +120,7 @@ def table_of_curves(curves, steps):
             cells = []
             for name in MEASURES:
                 mine, theirs = ([one[quarter][name] for one in of] for of in (curve, reference))
-                minus = "" if curve is reference else f"{paired(mine, theirs):+.2f}"
+                minus = "" if curve is reference else f"{paired(mine, theirs):.2f}"
                 cells += [f"{estimate(mine):.2f}", minus]
             print(row((program, f"{(quarter + 1) * steps // 4:,}", *cells)))
 
