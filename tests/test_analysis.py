@@ -25,6 +25,8 @@ import desim_uav as du
 from analysis.runs import read_runs
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
+from desim_uav.experiment.bench.kept import bound_of, reference_of
+from desim_uav.experiment.bench.score import measures_of, score
 from desim_uav.experiment.bench.submission import read
 from desim_uav.experiment.bench.tasks import tasks
 from desim_uav.experiment.bench.verify import differences
@@ -558,6 +560,17 @@ SOON_VERIFIED = ("coverage-small-one-hover", "multi-service-small-one-random")
 )
 def test_the_kept_submissions_are_verified(name):
     assert differences(read(KEPT / name)) == []
+
+
+@pytest.mark.thorough
+def test_halves_of_a_run_make_its_score():
+    """The mean of both halves, but for QoE1, which is a mean over requests."""
+    script, kept = importlib.import_module("bench_blocks"), read(KEPT / "handover-small-one-random")
+    row, commands = kept.rows[0], kept.commands[0]
+    of_run = (kept.task, kept.track, row["seed"])
+    found = script.halves_of(*of_run, commands, kept.about.ceiling)
+    whole = score(measures_of(kept.task), row, reference_of(*of_run), bound_of(*of_run))
+    assert len({*found}) == 2 and np.mean(found) == pytest.approx(whole, abs=0.05)
 
 
 def test_policies_that_differ_pairwise_are_counted():

@@ -182,11 +182,22 @@ def replay(
 
     Raises DesimError if they do not fit the run.
     """
-    replayer = Replayer(commands, ceiling)
-    world, results = _run(task, track, seed, replayer, "the submission")
-    replayer.end()
+    world, results = flown_again(task, track, seed, commands, ceiling)
     values = measures(results, world.scenario)
     return {"world_seed": world.seed, **values, "digest": digest(results)}
+
+
+def flown_again(
+    task: Task, track: BenchTrack, seed: int, commands: Commands, ceiling: bool
+) -> tuple[World, Results]:
+    """Give the commands of a submission again, and return the world and the results of the run.
+
+    Raises DesimError if they do not fit the run.
+    """
+    replayer = Replayer(commands, ceiling)
+    flown = _run(task, track, seed, replayer, "the submission")
+    replayer.end()
+    return flown
 
 
 def replayed(scenario: Scenario) -> tuple[str, ...]:
