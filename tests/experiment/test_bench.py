@@ -32,16 +32,10 @@ from desim_uav.experiment.bench.submission import FORMAT, ROWS, columns_of, read
 from desim_uav.experiment.bench.tasks import TRACKS, find_task, tasks
 from desim_uav.experiment.bench.verify import differences
 from desim_uav.measures.known import KNOWN
+from desim_uav.scenario.description import described
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.shipped import bench_folder, find_table
 from tests.command_line import runner
-
-SAME = {
-    "coverage/small": "case4",
-    "coverage/medium": "case5",
-    "multi-service/medium": "case8",
-}
-"""Tasks that have the scenario of another shipped file."""
 
 ROW = {
     "qoe1_percent": 90.0,
@@ -65,8 +59,13 @@ def test_no_task_has_changed(task):
 
 def test_every_task_has_a_file_and_every_file_is_a_task():
     assert {task.path for task in tasks().values()} == {*bench_folder().glob("*.yaml")}
-    for name, other in SAME.items():
-        assert find_task(f"uav-v1/{name}").scenario_hash == scenario_hash(load(other))
+    same = load("case8", ["reward={kind: qoe}"])
+    assert find_task("uav-v1/multi-service").scenario_hash == scenario_hash(same)
+
+
+def test_all_tasks_reward_what_counts_in_scores():
+    """QoE, deadlines or ages, and not what the paper's rewards look at."""
+    assert {described(load(task.path).reward)["kind"] for task in tasks().values()} == {"qoe"}
 
 
 def test_an_edited_task_is_refused(monkeypatch, tmp_path):
