@@ -16,6 +16,7 @@ from desim_uav.model.services import Transfer
 from desim_uav.optimum.cover import Spots
 from desim_uav.optimum.process import DroneProcess
 from desim_uav.scenario.load import from_mapping
+from desim_uav.shipped import bench_folder
 from desim_uav.world import build_world
 
 LONE = ("case4", "-S", "drones.count=1")
@@ -376,3 +377,11 @@ def test_what_it_calls_refuses_other_models(keys, problems, solver):
 def test_the_paper_s_model_is_not_refused():
     found = du.find_optimum(SOLVED, {"services": {"call": HOLD}, "association": "entered_first"})
     assert found["one_drone"]["best_qoe3"]["qoe3_percent"] <= found["instant_at_most_percent"]
+
+
+def test_a_schedule_with_too_many_states_is_refused_before_the_bound_is_computed(told):
+    """Episodes of four hours that are carried over are one run, for which prices take minutes."""
+    task = bench_folder() / "endurance-small.yaml"
+    code, out, err = told(task, "--seed", 1, "--episodes", 4)
+    assert (code, out) == (2, "") and "rounds" not in err
+    assert "a schedule of 960 steps by " in err and "carry_over: false" in err

@@ -21,7 +21,7 @@ from desim_uav.optimum.run.battery import FINEST
 from desim_uav.optimum.run.covered import Covered
 from desim_uav.optimum.run.legs import shares_of
 from desim_uav.optimum.run.prices import Fleet, Prices, SamePrices, lowest_bound
-from desim_uav.optimum.run.schedule import TURNS, TeamSchedule
+from desim_uav.optimum.run.schedule import TURNS, TeamSchedule, refuse_unscheduled
 from desim_uav.optimum.run.served import Served, asked_in
 from desim_uav.sample_path import draw
 from desim_uav.world import World
@@ -111,6 +111,8 @@ class BoundedRun:
 
     def bound(self, schedule: bool = True) -> RunBound:
         """Return the bounds; ``schedule`` says whether to look for a good schedule too."""
+        for kind, _ in self.kinds if schedule else ():
+            refuse_unscheduled(self.world, kind, self.stretch)
         qoe3 = self.qoe3()
         limited = any(kind.limited for kind, _ in self.kinds)
         same = all(type(own) is Continuous for own in self.world.scenario.demands)

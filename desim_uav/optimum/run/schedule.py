@@ -47,6 +47,22 @@ UNLIMITED = Charges(np.zeros(len(FLIGHTS), np.int64), full=0, leg=0, most=NONE, 
 """The battery of a drone that needs none."""
 
 
+def refuse_unscheduled(world: World, kind: DroneType, steps: int) -> None:
+    """Refuse a type whose drones cannot be scheduled in so many steps that follow each other.
+
+    Raises UsageError, with the keys, if their states are too many.
+    """
+    charges = careful_charges(kind, world.step_us) if kind.limited else UNLIMITED
+    places, levels = len(flown_to(world)), len(charges.most)
+    if steps * places * levels > LARGEST:
+        afresh = world.scenario.episode.carry_over and " or begin each anew (carry_over: false)"
+        raise UsageError(
+            f"map.cells, episode: a schedule of {steps} steps by {places} places by {levels} "
+            f"levels of the battery has more than {LARGEST} states; ask for fewer or shorter "
+            f"episodes{afresh or ''}, or for the bound alone (schedule=False in Python)"
+        )
+
+
 class OwnDrone(NamedTuple):
     """What a drone of a schedule can do, whom its legs cover, and its charge after u units."""
 
@@ -93,8 +109,7 @@ class TeamSchedule:
         charges = careful_charges(kind, step_us) if kind.limited else UNLIMITED
         stations = [self.number[(*cell, 0)] for cell in kind.stations if kind.limited]
         levels = len(charges.most)
-        if self.steps * len(self.nodes) * levels > LARGEST:
-            raise UsageError("map.cells: too many places for a schedule")
+        refuse_unscheduled(self.world, kind, self.steps)
         alone = Alone(
             ahead=ahead,
             over=over,
