@@ -103,8 +103,8 @@ CONTENDERS = (
     Contender("PPO of case 8", "ppo_case8_any.npz", families=("multi-service",)),
     Contender("greedy", "greedy"),
     Contender("planner", "planner_case8.npz", families=GRIDS, sizes=("small",)),
-    Contender("dispatcher", "dispatch.npz", families=("dispatch",), sizes=("small",)),
-    Contender("PPO", TRAINED, "ppo", 3, sizes=("small",), tracks=("one",)),
+    Contender("dispatcher", "dispatch.npz", families=("dispatch",)),
+    Contender("PPO", TRAINED, "ppo", 3, tracks=("one",)),
     Contender("PPO", TRAINED, "ppo_any", 3, sizes=("small",), tracks=("any",)),
 )
 
