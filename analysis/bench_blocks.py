@@ -23,7 +23,7 @@ from script import row
 
 import desim_uav as du
 from desim_uav.env.tasks import WORLDS
-from desim_uav.errors import DesimError, printable
+from desim_uav.errors import DesimError, UsageError, printable
 from desim_uav.experiment.bench.board import board
 from desim_uav.experiment.bench.kept import bound_of, reference_of
 from desim_uav.experiment.bench.measure import flown_again, measures
@@ -45,6 +45,8 @@ def main():
     parser.add_argument("-j", dest="jobs", type=int, default=1, help="replays at a time")
     asked = parser.parse_args()
     try:
+        if asked.jobs < 1:
+            raise UsageError(f"-j {asked.jobs}: must be at least 1")
         halves(asked.jobs) if asked.halves else blocks()
     except DesimError as error:
         print(printable(f"bench_blocks.py: {error}"), file=sys.stderr)

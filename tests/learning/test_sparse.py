@@ -28,9 +28,19 @@ def test_products_are_those_of_whole_matrices(kind: Any, rows: int, share: float
     assert np.allclose(of_layer[-1], slopes.sum(0), atol=exact)
 
 
+def test_a_layer_for_other_inputs_is_refused():
+    """The kernels would read what lies behind the layer."""
+    inputs, layer = np.zeros((2, 4), np.float32), np.zeros((4, 3), np.float32)
+    with pytest.raises(ValueError, match="4 inputs do not fit a layer of 3"):
+        sums(inputs, layer)
+    with pytest.raises(ValueError, match="4 inputs do not fit a layer of 3"):
+        slopes_of_sums(inputs, np.zeros((2, 3), np.float32), layer)
+
+
 def test_rows_of_a_larger_array_are_read_as_they_lie():
     """Minibatches and parts of a rollout need not be contiguous."""
     rng = np.random.default_rng(0)
     inputs = rng.normal(size=(9, 12)).astype(np.float32)[::2, 1:]
+    inputs[:, 2:] = 0.0
     layer = rng.normal(size=(12, 3)).astype(np.float32)
     assert np.allclose(sums(inputs, layer), inputs @ layer[:-1] + layer[-1], atol=1e-5)
