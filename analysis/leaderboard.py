@@ -28,7 +28,7 @@ from typing import Any
 
 import leaderboard_pages
 import yaml
-from leaderboard_pages import Planned
+from leaderboard_pages import Planned, Policy
 from leaderboard_times import Times, spent_s
 
 import desim_uav as du
@@ -80,32 +80,59 @@ PLAN = (Field("small", "one", 10), Field("medium", "one", 10), Field("small", "a
 
 @dataclass(frozen=True)
 class Contender:
-    """A policy of the leaderboard: its name there, what ``--policy`` accepts, and where it flies.
+    """A policy of the leaderboard: its name, what ``--policy`` accepts, what it is, where it flies.
 
     If ``TRAINED`` is in ``policy``, it is trained by a learner in so many trainings.
     """
 
     name: str
     policy: str
+    words: str
     learner: str = ""
     trainings: int = 1
     families: Sequence[str] = FAMILIES
     sizes: Sequence[str] = ("small", "medium")
     tracks: Sequence[str] = tuple(TRACKS)
 
+    @property
+    def learned(self) -> bool:
+        """Whether its numbers were learned, here or before."""
+        return TRAINED in self.policy or self.policy.endswith(".npz")
+
+
+PPO = "a network, trained in the task by [`policies/ppo.py`](../howto/ppo.md)"
 
 CONTENDERS = (
-    Contender("random", "random"),
-    Contender("hover", "hover"),
-    Contender("baseline", "baseline"),
-    Contender("Q-learning", TRAINED, "q_learning", 5, GRIDS, tracks=("one",)),
-    Contender("tour", "tour", families=("harvest",)),
-    Contender("PPO of case 8", "ppo_case8_any.npz", families=("multi-service",)),
-    Contender("greedy", "greedy"),
-    Contender("planner", "planner_case8.npz", families=GRIDS, sizes=("small",)),
-    Contender("dispatcher", "dispatch.npz", families=("dispatch",)),
-    Contender("PPO", TRAINED, "ppo", 3, tracks=("one",)),
-    Contender("PPO", TRAINED, "ppo_any", 3, sizes=("small",), tracks=("any",)),
+    Contender("random", "random", "a random allowed action"),
+    Contender("hover", "hover", "stays where it is, and never charges"),
+    Contender("baseline", "baseline", "the fixed routes of the paper"),
+    Contender(
+        *("Q-learning", TRAINED, "a table, trained in the task by `desim-uav train`"),
+        *("q_learning", 5, GRIDS),
+        tracks=("one",),
+    ),
+    Contender("tour", "tour", "flies past all sensors again and again", families=("harvest",)),
+    Contender(
+        *("PPO of case 8", "ppo_case8_any.npz"),
+        "a network, trained in other worlds of [case 8](../howto/ppo.md#in-any-world)",
+        families=("multi-service",),
+    ),
+    Contender("greedy", "greedy", "plans [some steps ahead](../explanation/planners.md#greedy)"),
+    Contender(
+        *("planner", "planner_case8.npz"),
+        "`greedy` with numbers "
+        "[learned in case 8](../howto/expert.md#learn-the-numbers-of-the-planner)",
+        families=GRIDS,
+        sizes=("small",),
+    ),
+    Contender(
+        *("dispatcher", "dispatch.npz"),
+        "ranks places by numbers [learned](../howto/decisions.md#learn-to-dispatch) in the "
+        "training worlds of the small task",
+        families=("dispatch",),
+    ),
+    Contender("PPO", TRAINED, PPO, "ppo", 3, tracks=("one",)),
+    Contender("PPO", TRAINED, PPO, "ppo_any", 3, sizes=("small",), tracks=("any",)),
 )
 
 
@@ -252,7 +279,8 @@ def _write(times: Times) -> None:
         times.add("pages", "pages", spent_s() - since_s, anew=True)
         return leaderboard_pages.costs(plan, times)
 
-    leaderboard_pages.write(PAGES, there, _checks(), costs)
+    policies = {one.name: Policy(one.words, one.learned) for one in CONTENDERS}
+    leaderboard_pages.write(PAGES, there, _checks(), policies, costs)
     print(f"{PAGES}: {len(there)} of {len(planned)} submissions")
 
 

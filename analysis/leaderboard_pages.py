@@ -26,16 +26,26 @@ from desim_uav.measures.known import KNOWN
 
 OVERVIEW = "overview.md"
 NOTE = "<!-- written by analysis/leaderboard.py -->\n\n"
-SCORES = ("Policy", "Score", "Less than the best by")
+SCORES = ("Policy", "Score", "Difference from the best")
 OTHERS = (
-    *("Policy", "More than the next one by", "Better than the next one", "Fairness"),
+    *("Policy", "Difference to the next one", "Better than the next one", "Fairness"),
     *("Worst tenth of users, QoE1 %", "J per Mbit", "Decision, ms", "Each training", "Seeds"),
 )
+
+FLOORS = ("random", "hover")
+"""The policies that do not count as algorithms that a task tells apart."""
 
 NEARLY_SOLVED, MANY = 0.9, 3
 """A score above which little is left to gain, and the policies that a task should tell apart."""
 
 Table = dict[str, Any]
+
+
+class Policy(NamedTuple):
+    """What a policy of the leaderboard is, in words, and whether it has learned."""
+
+    words: str
+    learned: bool
 
 
 class Planned(NamedTuple):
@@ -51,12 +61,14 @@ def write(
     folder: Path,
     submissions: Sequence[Submission],
     checks: Mapping[str, str],
+    policies: Mapping[str, Policy],
     costs: Callable[[], str],
 ) -> None:
     """Write the overview, and a page and a figure for each task that has submissions with scores.
 
-    ``checks`` says of the digest of a submission how it was verified, and ``costs``, which is
-    called last, returns what the leaderboard took. Raises PolicyError if no submission has a score.
+    ``checks`` says of the digest of a submission how it was verified, ``policies`` what the
+    policies are, by name, and ``costs``, which is called last, returns what the leaderboard took.
+    Raises PolicyError if no submission has a score.
     """
     tables = board(submissions, checks)
     of_tasks = [table for table in tables if "task" in table and _competitors(table)]
@@ -72,7 +84,7 @@ def write(
     names = list(dict.fromkeys(one.about.name for one in submissions))
     of_all = [table for table in tables if "tasks" in table]
     ordered = [table for those in by_family.values() for table in those]
-    text = _overview(ordered, of_all, names, list(by_family), costs)
+    text = _overview(ordered, of_all, {name: policies[name] for name in names}, costs)
     write_at(folder / OVERVIEW, text.encode())
 
 
@@ -92,13 +104,12 @@ def _figure(tables: Sequence[Table]) -> bytes:
 def told_apart(table: Table) -> int:
     """Return how many policies without knowledge of the future differ pairwise.
 
-    Two differ if the interval of their paired difference
-    does not contain 0. They are taken from the best one on, each if it differs from all that were
-    taken before.
+    Two differ if the interval of their paired difference does not contain 0. They are taken from
+    the best one on, each if it differs from all that were taken before. ``FLOORS`` do not count.
     """
     taken: list[Table] = []
     for row in _competitors(table):
-        if all(_differ(_pair(other, row)) for other in taken):
+        if row["policy"] not in FLOORS and all(_differ(_pair(other, row)) for other in taken):
             taken.append(row)
     return len(taken)
 
@@ -124,10 +135,11 @@ def _differ(pairing: Pairing | None) -> bool:
 def _overview(
     tables: Sequence[Table],
     of_all: Sequence[Table],
-    names: Sequence[str],
-    families: Sequence[str],
+    policies: Mapping[str, Policy],
     costs: Callable[[], str],
 ) -> str:
+    names = list(policies)
+    families = dict.fromkeys(_task(table).family for table in tables)
     heads = ("Task", "Size", "Track", "Seeds", *map(escaped.markdown, names), "Best", "Apart")
     lines = [_of_task(table, names) for table in tables]
     parts = [
@@ -136,13 +148,15 @@ def _overview(
         "baseline has 0 unless it crashes, and no policy exceeds 1. Each is an interquartile mean "
         "over the runs; the pages of the tasks have the intervals. The best policy without "
         "knowledge of the future is bold. *Apart* counts policies of which any two differ: the "
-        "95 % interval of their difference, paired by seed, does not contain 0. A click on a "
-        "heading of a table sorts it.\n",
+        "95 % interval of their difference, paired by seed, does not contain 0; `random` and "
+        "`hover` do not count. A click on a heading of a table sorts it.\n",
         _markdown(heads, lines),
         _summary(tables),
         *map(_of_several, of_all),
-        "## What the policies use\n",
-        _markdown(("Policy", "Uses", "Checked"), _claims(tables, names)),
+        "## Learned policies and greedy\n",
+        _learned(tables, policies),
+        "## What the policies are\n",
+        _markdown(("Policy", "What it is", "Uses", "Checked"), _claims(tables, policies)),
         "## How it was made\n",
         '```sh by-hand="takes hours"\npython analysis/leaderboard.py -j 2\n```\n',
         costs(),
@@ -182,13 +196,33 @@ def _of_task(table: Table, names: Sequence[str]) -> list[str]:
     return [*said, *cells, escaped.markdown(best), apart]
 
 
-def _claims(tables: Sequence[Table], names: Sequence[str]) -> Iterable[list[str]]:
-    """Yield for each policy what it declares to use in all tasks, and how that was checked."""
-    for name in names:
+def _learned(tables: Sequence[Table], policies: Mapping[str, Policy]) -> str:
+    """Return how the best learned policy of each table compares with the planner ``greedy``."""
+    lines, verdicts = [], []
+    for table in tables:
+        by_name = {row["policy"]: row for row in _competitors(table)}
+        learned = next((row for name, row in by_name.items() if policies[name].learned), None)
+        pairing = _pair(learned, by_name["greedy"]) if learned and "greedy" in by_name else None
+        if learned is None or pairing is None:
+            continue
+        task, name = _task(table), escaped.markdown(learned["policy"])
+        verdicts.append(np.sign(pairing.difference.value) if _differ(pairing) else 0)
+        lines.append([task.family, task.size, table["track"], name, cell_of(pairing.difference, 3)])
+    return (
+        "The score of the best learned policy minus that of `greedy`, paired by seed. It is higher "
+        f"in {verdicts.count(1)} of {len(lines)} lines, lower in {verdicts.count(-1)}, and in the "
+        "others the 95 % interval contains 0.\n\n"
+        + _markdown(("Task", "Size", "Track", "Best learned policy", "Difference"), lines)
+    )
+
+
+def _claims(tables: Sequence[Table], policies: Mapping[str, Policy]) -> Iterable[list[str]]:
+    """Yield for each policy what it is and declares to use, and how that was checked."""
+    for name, (words, _) in policies.items():
         own = [row for table in tables for row in table["rows"] if row["policy"] == name]
         for uses in dict.fromkeys(row["information"] for row in own):
             checks = dict.fromkeys(row["checked"] for row in own if row["information"] == uses)
-            yield [escaped.markdown(name), escaped.markdown(uses), ", ".join(checks)]
+            yield [escaped.markdown(name), words, escaped.markdown(uses), ", ".join(checks)]
 
 
 def _of_several(table: Table) -> str:

@@ -385,7 +385,7 @@ class TestEach:
 def leaderboard(monkeypatch, tmp_path):
     """The script with a plan of one seed of a task for two policies, in a folder of its own."""
     script = importlib.import_module("leaderboard")
-    contenders = (script.Contender("hover", "hover"), script.Contender("baseline", "baseline"))
+    contenders = tuple(script.Contender(name, name, "") for name in ("hover", "baseline"))
     for name, value in {
         "FOLDER": tmp_path / "kept",
         "PAGES": tmp_path / "pages",
@@ -485,7 +485,7 @@ def test_a_submission_that_differs_from_its_replay_fails(leaderboard, lead, monk
 
 @pytest.mark.thorough
 def test_a_training_that_fails_is_told(leaderboard, lead, monkeypatch):
-    contender = leaderboard.Contender("PPO", leaderboard.TRAINED, "ppo")
+    contender = leaderboard.Contender("PPO", leaderboard.TRAINED, "", "ppo")
     monkeypatch.setattr(leaderboard, "CONTENDERS", [contender])
     monkeypatch.setattr(leaderboard, "SETTINGS", ("--steps", "0"))
     code, _, err = lead()
@@ -495,7 +495,7 @@ def test_a_training_that_fails_is_told(leaderboard, lead, monkeypatch):
 def test_a_training_is_done_once_for_all_rows_that_need_it(leaderboard, lead, monkeypatch):
     trained = leaderboard.TRAINED
     rows = [("Q", trained), ("rollout", f"rollout:{trained}")]
-    contenders = [leaderboard.Contender(*row, "q_learning", 2) for row in rows]
+    contenders = [leaderboard.Contender(*row, "", "q_learning", 2) for row in rows]
     monkeypatch.setattr(leaderboard, "CONTENDERS", contenders)
     made = []
     monkeypatch.setattr(leaderboard, "trained", lambda one: made.append(one.name) or 1.5)
@@ -576,14 +576,16 @@ def test_halves_of_a_run_make_its_score():
 def test_policies_that_differ_pairwise_are_counted():
     told_apart = importlib.import_module("leaderboard_pages").told_apart
 
-    def row(*scores: float, knows_future: bool = False) -> dict[str, object]:
+    def row(*scores: float, knows_future: bool = False, policy: str = "own") -> dict[str, object]:
         listed = list(range(len(scores)))
-        return {"scores": [list(scores)], "listed": listed, "knows_future": knows_future}
+        about = {"policy": policy, "knows_future": knows_future}
+        return {"scores": [list(scores)], "listed": listed, **about}
 
     best, alike, worst = row(0.9, 0.8, 0.9), row(0.8, 0.9, 0.9), row(0.1, 0.2, 0.1)
     seer = row(1.0, 1.0, 1.0, knows_future=True)
     assert told_apart({"rows": [best, alike, worst]}) == 2
     assert told_apart({"rows": [seer, best, worst]}) == 2
+    assert told_apart({"rows": [best, row(0.1, 0.2, 0.1, policy="random")]}) == 1
     assert told_apart({"rows": [row(0.9), row(0.1)]}) == 1  # no interval from a single seed
 
 

@@ -33,7 +33,7 @@ MEANS = (
 PROFILE = (0.0, 0.25, 0.5, 0.75, 0.9)
 """The scores for which the profile of a policy says how many of its runs reach them."""
 
-BEFORE = ("Policy", "Score", "Less than the best by", "Better than the best", "Better than 0")
+BEFORE = ("Policy", "Score", "Difference from the best", "Better than the best", "Better than 0")
 AFTER = (
     *("Crashes per drone and episode", "Fairness", "Worst tenth of users, QoE1 %"),
     *("J per Mbit", "Decision, ms", "Uses", "Checked", "Trainings", "Seeds"),
