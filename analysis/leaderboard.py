@@ -151,8 +151,8 @@ class Training:
 
     @property
     def file(self) -> Path:
-        """The file of the trained policy."""
-        return MADE / self.name / "policy.npz"
+        """The file of the trained policy, which is of this very scenario."""
+        return MADE / f"{self.name}-{self.task.scenario_hash[:8]}" / "policy.npz"
 
 
 @dataclass(frozen=True)

@@ -503,7 +503,8 @@ def test_a_training_is_done_once_for_all_rows_that_need_it(leaderboard, lead, mo
     monkeypatch.setattr(leaderboard, "_verify", lambda *_: [])
     assert lead()[0] == 4  # nothing was flown, so there are no pages
     names = [f"coverage-small-q_learning-{seed}" for seed in range(2)]
-    files = [str(leaderboard.MADE / name / "policy.npz") for name in names]
+    of_task = tasks()["uav-v1/coverage/small"].scenario_hash[:8]
+    files = [str(leaderboard.MADE / f"{name}-{of_task}" / "policy.npz") for name in names]
     assert made == [*names, files, [f"rollout:{file}" for file in files]]
     assert (
         "training,coverage-small-q_learning-1,1.5" in (leaderboard.FOLDER / "times.csv").read_text()
