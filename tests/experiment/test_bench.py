@@ -70,8 +70,10 @@ def test_all_tasks_reward_what_counts_in_scores():
 
 def test_an_edited_task_is_refused(monkeypatch, tmp_path):
     task = find_task("uav-v1/coverage")
-    text = task.path.read_text(encoding="utf-8").replace("count: 24", "count: 25")
-    (tmp_path / task.path.name).write_text(text, encoding="utf-8")
+    text = task.path.read_text(encoding="utf-8")
+    assert "count: 48" in text
+    edited = text.replace("count: 48", "count: 49")
+    (tmp_path / task.path.name).write_text(edited, encoding="utf-8")
     monkeypatch.setattr(frozen, "bench_folder", lambda: tmp_path)
     with pytest.raises(ScenarioError, match="frozen and has been changed"):
         task.scenario(TRACKS["one"])
