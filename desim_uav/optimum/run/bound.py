@@ -111,8 +111,9 @@ class BoundedRun:
 
     def bound(self, schedule: bool = True) -> RunBound:
         """Return the bounds; ``schedule`` says whether to look for a good schedule too."""
-        for kind, _ in self.kinds if schedule else ():
-            refuse_unscheduled(self.world, kind, self.stretch)
+        if schedule:
+            for kind, _ in self.kinds:
+                refuse_unscheduled(self.world, kind, self.stretch)
         qoe3 = self.qoe3()
         limited = any(kind.limited for kind, _ in self.kinds)
         same = all(type(own) is Continuous for own in self.world.scenario.demands)

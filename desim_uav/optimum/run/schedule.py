@@ -52,15 +52,20 @@ def refuse_unscheduled(world: World, kind: DroneType, steps: int) -> None:
 
     Raises UsageError, with the keys, if their states are too many.
     """
-    charges = careful_charges(kind, world.step_us) if kind.limited else UNLIMITED
-    places, levels = len(flown_to(world)), len(charges.most)
+    places, levels = len(flown_to(world)), len(_charges_of(kind, world.step_us).most)
     if steps * places * levels > LARGEST:
-        afresh = world.scenario.episode.carry_over and " or begin each anew (carry_over: false)"
+        carried = world.scenario.episode.carry_over
+        afresh = " or begin each anew (carry_over: false)" if carried else ""
         raise UsageError(
             f"map.cells, episode: a schedule of {steps} steps by {places} places by {levels} "
             f"levels of the battery has more than {LARGEST} states; ask for fewer or shorter "
-            f"episodes{afresh or ''}, or for the bound alone (schedule=False in Python)"
+            f"episodes{afresh}, or for the bound alone (schedule=False in Python)"
         )
+
+
+def _charges_of(kind: DroneType, step_us: int) -> Charges:
+    """Return what is known of the battery of a type in a schedule."""
+    return careful_charges(kind, step_us) if kind.limited else UNLIMITED
 
 
 class OwnDrone(NamedTuple):
@@ -106,7 +111,7 @@ class TeamSchedule:
         ny = self.world.grid.cells[1]
         over = np.array([ix * ny + iy for ix, iy, _ in self.nodes])
         step_us = self.world.step_us
-        charges = careful_charges(kind, step_us) if kind.limited else UNLIMITED
+        charges = _charges_of(kind, step_us)
         stations = [self.number[(*cell, 0)] for cell in kind.stations if kind.limited]
         levels = len(charges.most)
         refuse_unscheduled(self.world, kind, self.steps)
