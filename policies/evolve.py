@@ -26,6 +26,7 @@ from desim_uav.env.tasks import WORLDS
 from desim_uav.errors import DesimError, UsageError
 from desim_uav.experiment.bench.score import QOE, SCORED, score
 from desim_uav.experiment.bench.tasks import find_task
+from desim_uav.experiment.interrupt import end_politely
 from desim_uav.experiment.provenance import command, commit, processor
 from desim_uav.experiment.run import play
 from desim_uav.policies import dispatcher, load_policy, planner
@@ -187,4 +188,5 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
+    end_politely()
     sys.exit(main())

@@ -23,6 +23,7 @@ from desim_uav.disk import file_place, write_at
 from desim_uav.engine.compiled.forks import Forks
 from desim_uav.env import UavParallelVectorEnv
 from desim_uav.errors import DesimError, MissingExtraError, UsageError
+from desim_uav.experiment.interrupt import end_politely
 from desim_uav.experiment.provenance import command, commit, processor
 from desim_uav.model.rules import Action
 from desim_uav.policies.mlp import Mlp, description_of, scaling_of
@@ -445,4 +446,5 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
+    end_politely()
     sys.exit(main())

@@ -20,6 +20,7 @@ import numpy as np
 
 from desim_uav.disk import file_place, write_at
 from desim_uav.errors import DesimError
+from desim_uav.experiment.interrupt import end_politely
 from desim_uav.experiment.papers.harvest import drawn, ground_of
 from desim_uav.experiment.papers.harvester import FEATURES, WEIGHTS, Harvester
 from desim_uav.experiment.provenance import commit, processor
@@ -90,4 +91,5 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
+    end_politely()
     sys.exit(main())

@@ -23,6 +23,7 @@ import numpy as np
 from desim_uav.disk import file_place, write_at
 from desim_uav.env import UavParallelVectorEnv
 from desim_uav.errors import DesimError, UsageError
+from desim_uav.experiment.interrupt import end_politely
 from desim_uav.experiment.provenance import command, commit, processor
 from desim_uav.learning.actor_critic import Agent, Freely
 from desim_uav.policies.mlp import Mlp, description_of, scaling_of
@@ -216,4 +217,5 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
+    end_politely()
     sys.exit(main())

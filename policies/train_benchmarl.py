@@ -13,6 +13,7 @@ from pathlib import Path
 
 from desim_uav.disk import file_place
 from desim_uav.errors import DesimError, UsageError
+from desim_uav.experiment.interrupt import end_politely
 from desim_uav.scenario.load import load
 from desim_uav.shipped import find_scenario
 
@@ -133,4 +134,5 @@ def train(asked):
 
 
 if __name__ == "__main__":
+    end_politely()
     sys.exit(main())

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -118,6 +119,22 @@ def elsewhere(*arguments, **options):
         program(*arguments), capture_output=True, text=True, timeout=120, check=False, **options
     )
     return Ended(done.returncode, done.stdout, done.stderr)
+
+
+@contextmanager
+def started(script, *arguments, **options):
+    """Start a script of the checkout, and kill it at the end of the block if it is still there."""
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    process = subprocess.Popen(
+        [sys.executable, str(script), *map(str, arguments)],
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **options},
+        env=os.environ | {"PYTHONPATH": path},
+    )
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def runner(capsys, monkeypatch):

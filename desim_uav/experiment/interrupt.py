@@ -7,12 +7,14 @@ it and can abandon it.
 
 from __future__ import annotations
 
+import _thread
 import ctypes
 import os
 import signal
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
@@ -31,6 +33,9 @@ INTERRUPTED = 130
 
 LISTEN_S = 0.1
 """The longest delay of a signal that the system has delivered to another thread."""
+
+AGAIN_S = 0.05
+"""The time after which a signal comes again that came while an object was destroyed."""
 
 LEAVE_S = 0.5
 """The time that abandoned work has to end by itself before the process ends without it."""
@@ -61,7 +66,7 @@ class Stop:
         elif self._busy:
             self._now = True
         else:
-            raise KeyboardInterrupt
+            interrupt(number, frame)
 
     @contextmanager
     def undisturbed(self) -> Iterator[None]:
@@ -129,10 +134,29 @@ def _is_ours(handler: object) -> bool:
 
 
 def end_politely() -> None:
-    """Make signals that ask for the end interrupt as Ctrl-C does, unless they are ignored."""
+    """Make signals that ask for the end interrupt the program, unless they are ignored or used."""
     for number in asking():
-        if signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, signal.default_int_handler)
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, interrupt)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, as Ctrl-C does, but not while an object is destroyed.
+
+    Python only prints what is raised there, and the program would go on. So the signal comes again.
+    """
+
+    def again() -> None:
+        time.sleep(AGAIN_S)
+        _thread.interrupt_main(signal.Signals(number))
+
+    while frame is not None:
+        code = frame.f_code
+        if code.co_name == "__del__" or code is weakref.finalize.__call__.__code__:
+            _thread.start_new_thread(again, ())
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 def interruptible(items: Iterable[T]) -> Iterator[T]:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +17,7 @@ from desim_uav.env import UavParallelEnv, UavParallelVectorEnv
 from desim_uav.policies import load_policy
 from desim_uav.policies.mlp import MlpFile
 from desim_uav.scenario.load import from_mapping
+from tests.command_line import started
 from tests.policies.far import FAR
 
 ROOT = Path(__file__).parents[2]
@@ -183,23 +181,15 @@ def test_the_shipped_file_says_where_it_comes_from():
     assert about["training"]["command"][0] == "policies/expert.py"
 
 
-def started(*arguments: Any) -> subprocess.Popen[str]:
-    command = [sys.executable, str(EXPERT), *map(str, arguments)]
-    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen(command, env=os.environ | {"PYTHONPATH": path}, **pipes)
-
-
 def test_it_is_interrupted_and_says_what_is_wrong(tmp_path: Path):
     (tmp_path / "far.yaml").write_text(json.dumps(SEEN_FAR))
     quick = ("--envs", 2, "--steps", 13, "--hidden", 8, "--out", tmp_path / "far.npz")
-    running = started(tmp_path / "far.yaml", *quick, "--imitations", 4096)
-    assert running.stderr is not None
-    for line in running.stderr:
-        if re.match(r"imitation [0-9]+", line) and (tmp_path / "far.npz").exists():
-            break
-    running.send_signal(signal.SIGINT)
-    out, err = running.communicate(timeout=60)
+    with started(EXPERT, tmp_path / "far.yaml", *quick, "--imitations", 4096) as running:
+        for line in running.stderr:
+            if re.match(r"imitation [0-9]+", line) and (tmp_path / "far.npz").exists():
+                break
+        running.send_signal(signal.SIGINT)
+        out, err = running.communicate(timeout=60)
     assert running.returncode == 130 and out == "" and "interrupted" in err
     assert MlpFile(tmp_path / "far.npz").about["training"]["processor"]
     for arguments, code, message in (
@@ -208,7 +198,7 @@ def test_it_is_interrupted_and_says_what_is_wrong(tmp_path: Path):
         ((tmp_path / "far.yaml", "-S", "observation={kind: local}"), 2, "radar"),
         (("case8", "-S", "drones.motion.space=free"), 2, "from cell to cell"),
     ):
-        failed = started(*arguments)
-        out, err = failed.communicate(timeout=60)
+        with started(EXPERT, *arguments) as failed:
+            out, err = failed.communicate(timeout=60)
         assert (failed.returncode, out) == (code, ""), err
         assert message in err and "Traceback" not in err

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +18,7 @@ from desim_uav.policies import load_policy
 from desim_uav.policies.mlp import MlpFile, scaling_of
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
+from tests.command_line import started
 from tests.policies.far import FAR
 from tests.semi_markov import DISCOUNTS, GAMMA, REWARDS, TWO, WAY
 
@@ -170,23 +168,15 @@ def test_a_new_episode_adds_nothing_to_the_one_before(ppo: Any):
     assert ppo.Rollouts.advantages(rollouts).flatten().tolist()[1] == 2 / 2 - 50
 
 
-def started(*arguments: Any, **options: Any) -> subprocess.Popen[str]:
-    command = [sys.executable, str(PPO), *map(str, arguments)]
-    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen(command, env=os.environ | {"PYTHONPATH": path}, **pipes, **options)
-
-
 def test_it_is_interrupted_and_says_what_is_wrong(tmp_path: Path):
     (tmp_path / "far.yaml").write_text(json.dumps(FAR))
     quick = ("--envs", 2, "--rollout", 8, "--hidden", 8, "--out", tmp_path / "far.npz")
-    running = started(tmp_path / "far.yaml", *quick, "--steps", 10**9)
-    assert running.stderr is not None
-    for line in running.stderr:
-        if re.match(r"[0-9,]+ steps", line) and (tmp_path / "far.npz").exists():
-            break
-    running.send_signal(signal.SIGINT)
-    out, err = running.communicate(timeout=60)
+    with started(PPO, tmp_path / "far.yaml", *quick, "--steps", 10**9) as running:
+        for line in running.stderr:
+            if re.match(r"[0-9,]+ steps", line) and (tmp_path / "far.npz").exists():
+                break
+        running.send_signal(signal.SIGINT)
+        out, err = running.communicate(timeout=60)
     assert running.returncode == 130 and out == "" and "interrupted" in err
     training = MlpFile(tmp_path / "far.npz").about["training"]
     assert training["command"][0] == "policies/ppo.py" and training["processor"]
@@ -196,7 +186,7 @@ def test_it_is_interrupted_and_says_what_is_wrong(tmp_path: Path):
         ((tmp_path / "far.yaml", "--gamma", 2), 2, "--gamma 2.0: must be from 0.0"),
         ((tmp_path / "far.yaml", "--out", tmp_path), 2, "is not a file"),
     ):
-        failed = started(*arguments)
-        out, err = failed.communicate(timeout=60)
+        with started(PPO, *arguments) as failed:
+            out, err = failed.communicate(timeout=60)
         assert (failed.returncode, out) == (code, "") and message in err
         assert "Traceback" not in err
