@@ -148,7 +148,10 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
     def again() -> None:
         time.sleep(AGAIN_S)
-        _thread.interrupt_main(signal.Signals(number))
+        if hasattr(signal, "pthread_kill"):  # which wakes the main thread
+            signal.pthread_kill(threading.main_thread().ident or 0, number)
+        else:  # Windows
+            signal.raise_signal(number)
 
     while frame is not None:
         code = frame.f_code

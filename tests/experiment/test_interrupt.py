@@ -277,7 +277,7 @@ class Thing:
 @pytest.mark.parametrize("noted", [False, True])
 def test_a_signal_is_not_lost_while_an_object_is_destroyed(kind, noted, monkeypatch):
     """Python ignores what is raised in a destructor: a training went on after Ctrl-C."""
-    stop = interrupt.Stop("this")
+    stop, begun = interrupt.Stop("this"), time.monotonic()
     monkeypatch.setattr(stop, "_pending", True)
     signal.signal(signal.SIGINT, stop.note if noted else signal.default_int_handler)
     try:
@@ -287,6 +287,7 @@ def test_a_signal_is_not_lost_while_an_object_is_destroyed(kind, noted, monkeypa
             made = kind()
             del made
             time.sleep(60)
+        assert time.monotonic() < begun + 30, "it wakes what waits, too"
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
