@@ -34,7 +34,7 @@ from leaderboard_times import Times, spent_s
 import desim_uav as du
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError, printable
 from desim_uav.experiment.bench.kept import complete, reference_of
-from desim_uav.experiment.bench.receipts import add_receipt, digest_of, read_receipts
+from desim_uav.experiment.bench.receipts import DECIDED, add_receipt, digest_of, read_receipts
 from desim_uav.experiment.bench.run import submit
 from desim_uav.experiment.bench.submission import Submission, read
 from desim_uav.experiment.bench.tasks import FAMILIES, TRACKS, BenchTrack, Task, find_task
@@ -93,6 +93,8 @@ class Contender:
     families: Sequence[str] = FAMILIES
     sizes: Sequence[str] = ("small", "medium")
     tracks: Sequence[str] = tuple(TRACKS)
+    plans: bool = False
+    """Whether its decisions take so long that they are not made again when it is verified."""
 
     @property
     def learned(self) -> bool:
@@ -117,13 +119,19 @@ CONTENDERS = (
         "a network, trained in other worlds of [case 8](../howto/ppo.md#in-any-world)",
         families=("multi-service",),
     ),
-    Contender("greedy", "greedy", "plans [some steps ahead](../explanation/planners.md#greedy)"),
+    Contender(
+        "greedy",
+        "greedy",
+        "plans [some steps ahead](../explanation/planners.md#greedy)",
+        plans=True,
+    ),
     Contender(
         *("planner", "planner_case8.npz"),
         "`greedy` with numbers "
         "[learned in case 8](../howto/expert.md#learn-the-numbers-of-the-planner)",
         families=GRIDS,
         sizes=("small",),
+        plans=True,
     ),
     Contender(
         *("dispatcher", "dispatch.npz"),
@@ -179,6 +187,11 @@ class Entry:
         """Return the policies as ``--policy`` accepts them."""
         policy = self.contender.policy
         return [policy.replace(TRAINED, str(one.file)) for one in self.trainings()] or [policy]
+
+    @property
+    def decidable(self) -> bool:
+        """Whether its policies are here and decide quickly, so that they can do so again."""
+        return not self.contender.plans and all(one.file.exists() for one in self.trainings())
 
     def submission(self) -> Submission | None:
         """Return the submission if it is there, of this task, with all seeds and trainings."""
@@ -391,26 +404,34 @@ def _checks() -> dict[str, str]:
 def _verify(chosen: Sequence[Entry], jobs: int, times: Times) -> list[str]:
     """Replay the submissions without a receipt, and note those that are verified.
 
-    Returns every difference from a replay.
+    Policies that can decide again do so. Returns every difference.
     """
     unlike = list[str]()
     checks = _checks()
-    work = [one for one in chosen if digest_of(FOLDER / one.name) not in checks]
+    work = [
+        one
+        for one in chosen
+        if (check := checks.get(digest_of(FOLDER / one.name))) is None
+        or (check != DECIDED and one.decidable)
+    ]
     with closing(run_each(replayed, [(one,) for one in work], jobs)) as ended:
         for count, (number, (part_s, listed)) in enumerate(ended, 1):
             name = work[number].name
             unlike += [f"{name}: {line}" for line in listed]
             if not listed:
-                add_receipt(FOLDER / RECEIPTS, FOLDER / name, decided=False)
+                add_receipt(FOLDER / RECEIPTS, FOLDER / name, decided=work[number].decidable)
             times.add("verification", name, part_s, anew=True)
             print(f"verified {count} of {len(work)}: {name}: {part_s:.1f} s", flush=True)
     return unlike
 
 
 def replayed(entry: Entry) -> tuple[float, list[str]]:
-    """Verify a submission; return the processor time and the differences from its replay."""
+    """Verify a submission; return the processor time and the differences from its replay.
+
+    They include those from what its policies decide now, if they can decide again.
+    """
     since_s = time.process_time()
-    listed = differences(read(FOLDER / entry.name))
+    listed = differences(read(FOLDER / entry.name), decide=entry.decidable)
     return time.process_time() - since_s, listed
 
 

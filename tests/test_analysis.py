@@ -438,7 +438,7 @@ def test_the_leaderboard_is_made_once_and_what_was_changed_is_made_anew(leaderbo
     assert re.search(
         r"\| \[coverage\]\(.*\| small \| one \| 1 \| -.* \| \*\*0.000\*\* \|", overview
     )
-    assert "| verification | 2 |" in overview and "| replayed |" in overview
+    assert "| verification | 2 |" in overview and "| decided again |" in overview
     assert (leaderboard.PAGES / "coverage.png").read_bytes().startswith(b"\x89PNG")
     hover.write_text(hover.read_text(encoding="utf-8") + "\n", encoding="utf-8")
     assert lead("--list")[1] == "coverage-small-one-hover\n"
@@ -476,11 +476,51 @@ def test_an_interrupted_leaderboard_goes_on(leaderboard, lead, monkeypatch, hand
 
 @pytest.mark.thorough
 def test_a_submission_that_differs_from_its_replay_fails(leaderboard, lead, monkeypatch):
-    monkeypatch.setattr(leaderboard, "differences", lambda _: ["seed 100: digest"])
+    asked = {}
+    monkeypatch.setattr(
+        leaderboard, "differences", lambda _, **how: asked.update(how) or ["seed 100: digest"]
+    )
     code, _, err = lead("hover")
     assert (code, err) == (6, "coverage-small-one-hover: seed 100: digest\n")
+    assert asked == {"decide": True}
     page = (leaderboard.PAGES / "overview.md").read_text(encoding="utf-8")
     assert "| claimed |" in page and "| replayed |" not in page
+
+
+@pytest.mark.thorough
+def test_who_decides_again_is_noted(leaderboard, lead, monkeypatch):
+    """A planner is only replayed, and so is a policy whose training is not here."""
+    contenders = [
+        leaderboard.Contender("slow", "hover", "", plans=True),
+        leaderboard.Contender("table", leaderboard.TRAINED, "", "q_learning"),
+    ]
+    monkeypatch.setattr(leaderboard, "CONTENDERS", contenders)
+    monkeypatch.setattr(leaderboard, "trained", kept_table)
+    assert lead()[0] == 0
+    slow, table = leaderboard.entries()
+    assert checks(leaderboard) == {slow.name: "replayed", table.name: "decided again"}
+    receipts = leaderboard.FOLDER / leaderboard.RECEIPTS
+    receipts.write_text(receipts.read_text().replace("decided again", "replayed"))
+    assert lead()[0] == 0
+    assert checks(leaderboard)[table.name] == "decided again"
+    receipts.unlink()
+    shutil.rmtree(leaderboard.MADE)
+    assert lead()[0] == 0
+    assert set(checks(leaderboard).values()) == {"replayed"}
+
+
+def kept_table(training):
+    """Train quickly, instead of ``leaderboard.trained``."""
+    du.train(training.task.path, ["learning.episodes=1"], world_seed=0, progress=False).save(
+        training.file.parent
+    )
+    return 1.0
+
+
+def checks(script):
+    """How the submissions of a leaderboard were verified."""
+    noted = script.read_receipts(script.FOLDER / script.RECEIPTS)
+    return {one.name: noted[script.digest_of(script.FOLDER / one.name)] for one in script.entries()}
 
 
 @pytest.mark.thorough
