@@ -138,6 +138,7 @@ CONTENDERS = (
         "ranks places by numbers [learned](../howto/decisions.md#learn-to-dispatch) in the "
         "training worlds of the small task",
         families=("dispatch",),
+        plans=True,
     ),
     Contender("PPO", TRAINED, PPO, "ppo", 3, tracks=("one",)),
     Contender("PPO", TRAINED, PPO, "ppo_any", 3, sizes=("small",), tracks=("any",)),
