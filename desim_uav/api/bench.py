@@ -123,8 +123,8 @@ def bench_verify(
 
     Args:
         folder: The submission, as `bench run` writes it.
-        decide: Load the policy as well, and let it decide again, without the future unless it
-            declares to know that. This runs its code.
+        decide: Let the policy decide again as well, without the future unless it declares to know
+            that. This runs its code, in a process of its own.
         receipts: A file of the referee in which a submission without differences is noted.
         revealed: The folder of the sealed set on which it was made, as `bench reveal` writes it.
         jobs: The number of seeds that are run at a time. In Python, it is as in ``bench_run``.
@@ -141,7 +141,7 @@ def bench_verify(
     from desim_uav.experiment.progress import progress as shown
 
     submission = read(Path(folder), tracks_of(_path(revealed)))
-    with shown(progress, runs_of(submission), "runs", ENGINE) as advance:
+    with shown(progress, runs_of(submission, decide), "runs", ENGINE) as advance:
         listed = differences(submission, decide=decide, jobs=jobs, on_run=advance)
     if receipts is not None and not listed:
         add_receipt(Path(receipts), submission.folder, decide)

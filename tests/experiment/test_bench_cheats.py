@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import sys
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from desim_uav.engine.choose import make_engine
@@ -15,6 +17,7 @@ from desim_uav.errors import PolicyError, ScenarioError
 from desim_uav.experiment.bench import kept, measure
 from desim_uav.experiment.bench.board import board
 from desim_uav.experiment.bench.present import Present, hidden
+from desim_uav.experiment.bench.run import information
 from desim_uav.experiment.bench.score import PRICE, measures_of, score
 from desim_uav.experiment.bench.sealed import revealed, seal_of, tracks_of
 from desim_uav.experiment.bench.submission import read
@@ -24,6 +27,7 @@ from desim_uav.experiment.run import run_settings
 from desim_uav.model.geometry.coverage import all_walked
 from desim_uav.model.random.streams import Purpose, Streams
 from desim_uav.policies import load_policy
+from desim_uav.policies.base import as_seen
 from desim_uav.policies.planning.ground import grounds_of
 from desim_uav.policies.planning.sight import look
 from desim_uav.sample_path import draw
@@ -82,6 +86,67 @@ class Peeping(Clairvoyant):
 
 class Honest(Peeping):
     clairvoyant = True
+"""
+
+FORGING = """
+from desim_uav.experiment.bench import again, verify
+from desim_uav.experiment.bench.submission import ROWS, _read_rows
+from desim_uav.policies.hover import Hover
+
+
+def replay(task, track, seed, commands, ceiling):
+    (row,) = _read_rows(FOLDER / ROWS, task)
+    return {name: row[name] for name in row if name not in ("training", "seed", "decision_ms")}
+
+
+verify.replay = replay
+
+
+class Forging(Hover):
+    pass
+"""
+
+READING = """
+from dataclasses import dataclass
+
+from desim_uav.model.observations import Feature, RowObservation
+from desim_uav.policies.baseline import Baseline
+
+SEEN = []
+
+
+@dataclass(frozen=True)
+class Requests(RowObservation):
+    information = "local"
+
+    def features(self, facts):
+        return tuple(Feature(f"request_{k}", -1e19, 1e19, False) for k in range(facts.users))
+
+    def write(self, world, state, drone):
+        users = len(state.users)
+        for k in range(users):
+            drone.features[k] = 1.0 * state.slot_times[users + k]
+
+
+class Reading(Baseline):
+    information, observation = "local", Requests()
+
+    def act(self, observation, mask):
+        SEEN.append(observation.features)
+        return super().act(observation, mask)
+"""
+
+LOCAL = """
+from desim_uav.policies.greedy import Greedy
+from desim_uav.rules.observations import Local
+
+
+class Planning(Greedy):
+    information = "local"
+
+
+class Own(Local):
+    pass
 """
 
 
@@ -222,7 +287,68 @@ def test_who_claims_to_see_no_future_sees_none(tmp_path, short):
     assert reached["Peeping"].mean() < reached["greedy"].mean()
 
 
+@pytest.mark.parametrize("name", ["multi-service", "urban", "endurance", "handover", "edge"])
+def test_what_drones_observe_of_the_present_is_as_it_is(name):
+    _, engine, present, snapshot = views(f"uav-v1/{name}/small")
+    assert present.observations(engine) == snapshot.observations
+
+
+def test_an_own_observation_does_not_read_what_is_drawn_already(tmp_path, monkeypatch):
+    (tmp_path / "reading.py").write_text(READING, encoding="utf-8")
+    seen = {}
+    for own in (True, False):
+        if not own:
+            monkeypatch.setattr(measure, "is_shipped", lambda part: True)
+        policy = load_policy(f"{tmp_path / 'reading.py'}:Reading")
+        recorder = measure.Recorder(policy, 3_000_000)
+        scenario = as_seen(find_task("uav-v1/multi-service/small").scenario(TRACKS["any"]), policy)
+        world = build_world(scenario, 3_000_000)
+        path = draw(world, 3_000_000, 0)
+        engine = make_engine("batch", world, run_settings(world, policy, False))
+        recorder.begin(world, Streams(3_000_000, Purpose.LEARNER))
+        snapshot = engine.reset(path)
+        for _ in range(20):
+            recorder.watch(engine)
+            commands = recorder.act_jointly(snapshot.observations, snapshot.masks)
+            snapshot = engine.step(commands)
+        seen[own] = np.array(sys.modules[type(policy).__module__].SEEN.pop())
+    true = seen[False] < 1e15  # of a user without an open request
+    assert true.any() and not (seen[True] == seen[False])[true].any()
+
+
 # ---- claims, trainings and receipts
+
+
+def test_what_a_policy_may_read_is_said_beside_what_it_declares(tmp_path):
+    (tmp_path / "local.py").write_text(LOCAL, encoding="utf-8")
+    scenario = find_task(SMALL).scenario(TRACKS["one"])
+    said = information(f"{tmp_path / 'local.py'}:Planning", scenario)
+    assert said == "local (as it declares; it is shown all of the present)"
+    own = sys.modules[type(load_policy(f"{tmp_path / 'local.py'}:Planning")).__module__].Own()
+    assert not measure.is_shipped(own) and measure.is_shipped(scenario.observation)
+    assert information("greedy", scenario).endswith("batteries; no future")
+
+
+@pytest.mark.thorough
+def test_a_policy_cannot_verify_itself(cli, tmp_path):
+    """Its code is run after the replays, and in another process."""
+    forging, folder = tmp_path / "forging.py", tmp_path / "forged"
+    text = FORGING.replace("FOLDER", f"__import__('pathlib').Path({str(folder)!r})")
+    forging.write_text(text, encoding="utf-8")
+    policy = f"{forging}:Forging"
+    done = cli("bench", "run", SMALL, "--policy", "hover", "--seeds", 1, "--out", folder)
+    assert done.code == 0, done.err
+    manifest = folder / "manifest.json"
+    about = json.loads(manifest.read_text(encoding="utf-8"))
+    about["trainings"][0]["policy"] = policy
+    manifest.write_text(json.dumps(about), encoding="utf-8")
+    rows = pd.read_csv(folder / "rows.csv")
+    rows["qoe3_percent"] = 50.0
+    rows.to_csv(folder / "rows.csv", index=False)
+    (folder / "SHA256SUMS").unlink()
+    done = cli("bench", "verify", folder, "--decide", "--receipts", "seen.json")
+    done.failed(6, "qoe3_percent: the folder has 50.0, the replay")
+    assert "decides otherwise" not in done.err and not (tmp_path / "seen.json").exists()
 
 
 @pytest.mark.thorough
@@ -245,7 +371,7 @@ def test_a_claim_is_worth_what_was_checked(cli, tmp_path):
     manifest.write_text(json.dumps(about | {"information": "nothing"}), encoding="utf-8")
     assert checked() == "claimed"
     failed = cli("bench", "verify", "table", "--decide", "--receipts", "seen.json")
-    failed.failed(6, "information of training 0: the folder has 'nothing'")
+    failed.failed(6, "information: the folder has 'nothing'")
     about["trainings"][0]["decisions_sha256"] = "0" * 64
     manifest.write_text(json.dumps(about), encoding="utf-8")
     (line,) = differences(read(tmp_path / "table"))

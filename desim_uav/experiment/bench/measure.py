@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -56,7 +57,7 @@ class Recorder:
     """Lets a policy decide, and notes its commands and its processor time.
 
     A policy that does not declare that it knows the future (``clairvoyant``) is shown the present
-    only (``Present``).
+    only (``Present``), also by an observation that is not part of the package.
     """
 
     def __init__(self, policy: Policy, seed: int) -> None:
@@ -66,6 +67,7 @@ class Recorder:
         self.decisions, self.spent_s = 0, 0.0
         self._present = None if knows_future(policy) else Present(seed)
         self._engine: Engine | None = None
+        self._own = self._present is not None and not is_shipped(self.observation)
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Begin an episode."""
@@ -80,10 +82,11 @@ class Recorder:
 
     def watch(self, engine: Engine) -> None:
         """Show the policy the engine if it is a planner: the true one only if it may look ahead."""
+        self._engine = engine
         if not hasattr(self.policy, "watch"):
             return
         if self._present is not None:
-            self._engine, engine = engine, self._present.engine(engine)
+            engine = self._present.engine(engine)
         since_s = time.process_time()
         show(self.policy, engine)
         self.spent_s += time.process_time() - since_s
@@ -97,7 +100,10 @@ class Recorder:
     ) -> Sequence[Command]:
         """Return the policy's actions, and note them."""
         if self._present is not None and self._engine is not None:
-            self._present.engine(self._engine)
+            if self._own:
+                observations = self._present.observations(self._engine)
+            elif hasattr(self.policy, "watch"):
+                self._present.engine(self._engine)
         since_s = time.process_time()
         commands = decide_by(self.policy, observations, masks, self._world)
         self.spent_s += time.process_time() - since_s
@@ -158,6 +164,14 @@ def _with_a_choice(command: Command, mask: Sequence[bool]) -> Command:
 def knows_future(policy: object) -> bool:
     """Return whether a policy declares that it knows the future."""
     return bool(getattr(policy, "clairvoyant", False))
+
+
+def is_shipped(part: object) -> bool:
+    """Return whether an object is of a class of the package, as None is."""
+    own = type(part)
+    package, _, _ = own.__module__.partition(".")
+    there = getattr(sys.modules.get(own.__module__), own.__name__, None)
+    return part is None or (package == "desim_uav" and there is own)
 
 
 def measure(task: Task, track: BenchTrack, policy: str, seed: int) -> Measured:

@@ -14,6 +14,7 @@ from dataclasses import replace
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.episode import Engine
 from desim_uav.model.random.streams import Streams
+from desim_uav.model.state import Observation
 from desim_uav.policies.planning.future import imagined
 from desim_uav.policies.planning.inner import InnerEngine
 from desim_uav.policies.planning.links import seen_links
@@ -51,6 +52,13 @@ class Present:
     def streams(self, streams: Streams) -> Streams:
         """Return streams for the draws of a policy, which are not those of its seed."""
         return Streams(self._seed, streams.purpose, streams.episode, streams.first)
+
+    def observations(self, engine: Engine) -> tuple[Observation, ...]:
+        """Return what drones observe of the present state of the true engine.
+
+        An observation of somebody's own may read all of the state, in which the next draws are.
+        """
+        return self.engine(engine).snapshot().observations
 
     def engine(self, engine: Engine) -> InnerEngine:
         """Return an engine in the present state of the true one, with a future of its own."""

@@ -15,6 +15,7 @@ from desim_uav.experiment.bench.commands import decisions_sha256
 from desim_uav.experiment.bench.measure import (
     Measured,
     Recorder,
+    is_shipped,
     knows_future,
     measure,
 )
@@ -208,14 +209,19 @@ def _knowledge(policy: str, scenario: Scenario) -> dict[str, Any]:
 def information(policy: str, scenario: Scenario) -> str:
     """Return what a policy uses: what it declares, or else what its observation declares.
 
-    One that declares what it uses ``besides`` its base uses that and what the base uses.
+    One that declares what it uses ``besides`` its base uses that and what the base uses. Of a
+    planner or an observation that is not part of the package, it says that more is within reach.
     """
     loaded, base = load_policy(policy), base_of(policy)
     besides: str | None = getattr(loaded, "besides", None)
     if base is not None and besides is not None:
         return f"{information(base, scenario)}; {besides}"
     own = getattr(loaded, "information", None) or OWN_KNOWLEDGE.get(policy)
-    return str(own or information_of(as_seen(scenario, loaded).observation))
+    text = str(own or information_of(as_seen(scenario, loaded).observation))
+    plans = hasattr(loaded, "watch") and not is_shipped(loaded)
+    if plans or not is_shipped(getattr(loaded, "observation", None)):
+        return f"{text} (as it declares; it is shown all of the present)"
+    return text
 
 
 def policy_sha256(policy: str) -> str | None:

@@ -1,7 +1,8 @@
 """The work of ``desim-uav bench verify``: a submission is replayed and compared bit for bit.
 
 The commands in the folder are given to the drones again, so the policy is not needed, and no code
-that came with the submission is run. Times of decisions cannot be checked.
+that came with the submission is run, or only after that and elsewhere (``again``). Times of
+decisions cannot be checked.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from desim_uav.errors import DesimError
+from desim_uav.experiment.bench.again import decided_again
 from desim_uav.experiment.bench.bounds import less_crashes
 from desim_uav.experiment.bench.commands import Commands, decisions_sha256
 from desim_uav.experiment.bench.kept import BOUNDS, bound_of, computed, kept
-from desim_uav.experiment.bench.measure import measure, replay
-from desim_uav.experiment.bench.run import about
+from desim_uav.experiment.bench.measure import replay
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, BenchTrack, Task
 from desim_uav.experiment.processes import results_of
@@ -40,26 +41,26 @@ def differences(
 ) -> list[str]:
     """Return everything in which a submission differs from the protocol and from its replay.
 
-    With ``decide`` its policy is loaded and decides again as well. Raises DesimError if the policy
-    cannot be loaded.
+    With ``decide`` its policies decide again after all replays, in a process of their own. Raises
+    DesimError if one cannot be loaded.
     """
     task, track = submission.task, submission.track
-    listed = _of_protocol(submission) + (_of_policy(submission) if decide else [])
+    listed = _of_protocol(submission)
     if any(line.startswith(tuple(FIXED)) for line in listed):
         return listed  # other runs would be replayed
-    policies = [each.policy if decide else None for each in submission.about.trainings]
     work = [
-        (task, track, row, commands, submission.about.ceiling, policies[row["training"]])
+        (task, track, row, commands, submission.about.ceiling)
         for row, commands in zip(submission.rows, submission.commands, strict=True)
     ]
     revealed = [(task, track, seed) for seed in _revealed_seeds(submission)]
     found = results_of(of_set, revealed, jobs, on_run) + results_of(of_seed, work, jobs, on_run)
-    return listed + [line for lines in found for line in lines]
+    listed += [line for lines in found for line in lines]
+    return listed + (of_decisions(submission, jobs, on_run) if decide else [])
 
 
-def runs_of(submission: Submission) -> int:
+def runs_of(submission: Submission, decide: bool = False) -> int:
     """Return how many runs ``differences`` flies: the submission's, and a revealed set's."""
-    return len(submission.rows) + len(_revealed_seeds(submission))
+    return len(submission.rows) * (2 if decide else 1) + len(_revealed_seeds(submission))
 
 
 def _revealed_seeds(submission: Submission) -> list[int]:
@@ -92,11 +93,9 @@ def of_seed(
     row: Mapping[str, Any],
     commands: Commands,
     ceiling: bool,
-    policy: str | None = None,
 ) -> list[str]:
-    """Return the differences of a row from its replay, and from what the policy does now."""
-    seed = row["seed"]
-    run = f"seed {seed}" + (f" of training {row['training']}" if row["training"] else "")
+    """Return the differences of a row from its replay."""
+    run, seed = _run_of(row), row["seed"]
     try:
         again = replay(task, track, seed, commands, ceiling)
     except DesimError as error:
@@ -107,15 +106,35 @@ def of_seed(
         if row[name] != value
     ]
     lines += [f"{run}: {line}" for line in _of_bound(task, track, row)]
-    if policy is not None:
-        unlike = measure(task, track, policy, seed).commands.first_unlike(commands)
+    return lines
+
+
+def of_decisions(
+    submission: Submission, jobs: int = 1, on_run: Callable[[], None] = lambda: None
+) -> list[str]:
+    """Return the differences of a submission from what its policies do and declare now."""
+    again = decided_again(submission, jobs, on_run)
+    lines = [
+        f"{name}: the folder has {getattr(submission.about, name)!r}, "
+        f"the policy now {getattr(again.about, name)!r}"
+        for name in OF_POLICY
+        if getattr(submission.about, name) != getattr(again.about, name)
+    ]
+    now = {_run_of(row): commands for row, commands in zip(again.rows, again.commands, strict=True)}
+    for row, commands in zip(submission.rows, submission.commands, strict=True):
+        unlike = now[_run_of(row)].first_unlike(commands)
         if unlike is not None:
             episode, epoch, drone = unlike
             lines.append(
-                f"{run}: commands: the policy decides otherwise, first in episode "
+                f"{_run_of(row)}: commands: the policy decides otherwise, first in episode "
                 f"{episode - WARMUP}, at decision epoch {epoch}, for drone {drone}"
             )
     return lines
+
+
+def _run_of(row: Mapping[str, Any]) -> str:
+    """Return a run in words."""
+    return f"seed {row['seed']}" + (f" of training {row['training']}" if row["training"] else "")
 
 
 def _of_bound(task: Task, track: BenchTrack, row: Mapping[str, Any]) -> Sequence[str]:
@@ -148,19 +167,6 @@ def _of_protocol(submission: Submission) -> list[str]:
                 f"decisions_sha256 of training {number}: the folder has "
                 f"{training.decisions_sha256!r}, the commands {decided!r}"
             )
-    return lines
-
-
-def _of_policy(submission: Submission) -> list[str]:
-    lines = []
-    for number, training in enumerate(submission.about.trainings):
-        now = about(submission.task, submission.track, [training.policy])
-        lines += [
-            f"{name} of training {number}: the folder has {getattr(submission.about, name)!r}, "
-            f"the policy now {now[name]!r}"
-            for name in OF_POLICY
-            if getattr(submission.about, name) != now[name]
-        ]
     return lines
 
 
