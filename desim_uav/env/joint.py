@@ -30,7 +30,10 @@ class JointActions(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     @typed
     def __init__(self, env: gymnasium.Env[Any, Any], most: int = MOST_JOINT) -> None:
-        """Wrap an environment. Raises ArgumentError if there are more than ``most`` actions."""
+        """Wrap an environment, but none of ``JointActions`` or ``InTurn``.
+
+        Raises ArgumentError for such a one, and if there are more than ``most`` actions.
+        """
         self._numbers = JointNumber(*_fleet_of(env, "JointActions"))
         drones, actions, count = self._numbers.drones, self._numbers.actions, self._numbers.count
         if count > most:
@@ -79,7 +82,10 @@ class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     @typed
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        """Wrap an environment, whose drones must fly from cell to cell."""
+        """Wrap an environment, but none of ``JointActions`` or ``InTurn``.
+
+        Raises ArgumentError for such a one, and unless drones fly from cell to cell.
+        """
         self._drones, self._actions = _fleet_of(env, "InTurn")
         super().__init__(env)
         self._order = InOrder(env.observation_space, self._drones, self._actions)
@@ -100,10 +106,10 @@ class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Let the drone whose turn it is choose; the last one's choice ends the decision epoch.
 
-        Raises ResetNeeded before the first episode, and ActionError for a number that is no action.
+        Raises ResetNeeded outside an episode, and ActionError for a number that is no action.
         """
         if self._seen is None:
-            raise error.ResetNeeded("call reset first: no episode has begun")
+            raise error.ResetNeeded("call reset first: no episode has begun, or it is over")
         if not self.action_space.contains(action):
             raise ActionError(f"action {action!r}: must be a whole number in {self.action_space}")
         chosen = [*self._chosen, int(action)]
@@ -114,8 +120,10 @@ class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         together = np.array(chosen) if self._drones > 1 else chosen[0]
         self._seen, reward, terminated, truncated, self._info = self.env.step(together)
         self._chosen = []
-        info = self._with_turn(self._info)
-        return self._observation(), float(reward), terminated, truncated, info
+        observation, info = self._observation(), self._with_turn(self._info)
+        if terminated or truncated:
+            self._seen = None
+        return observation, float(reward), terminated, truncated, info
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the mask of the drone whose turn it is: bool (actions,)."""
@@ -132,9 +140,20 @@ class InTurn(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
         return info | {"turn": turn, "action_mask": own}
 
 
+def not_numbered(env: gymnasium.Env[Any, Any], wrapper: str) -> None:
+    """Raise ArgumentError unless actions are still those of ``UavEnv``, one for each drone."""
+    of_class(UavEnv, env)
+    below: Any = env
+    while isinstance(below, gymnasium.Wrapper):
+        if isinstance(below, JointActions | InTurn):
+            changed = f"{type(below).__name__}, which has changed the actions"
+            raise ArgumentError(f"env: {wrapper} cannot wrap {changed}")
+        below = below.env
+
+
 def _fleet_of(env: gymnasium.Env[Any, Any], wrapper: str) -> tuple[int, int]:
     """Return the number of drones and that of the actions of each. Raises ArgumentError."""
-    of_class(UavEnv, env)
+    not_numbered(env, wrapper)
     space = env.action_space
     if isinstance(space, Discrete):
         return 1, int(space.n)

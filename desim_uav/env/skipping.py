@@ -21,8 +21,8 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from desim_uav.copies import Independent
 from desim_uav.env.arguments import of_class, typed
+from desim_uav.env.joint import not_numbered
 from desim_uav.env.parallel import UavParallelEnv
-from desim_uav.env.single import UavEnv
 from desim_uav.model.decisions import discount_of
 
 
@@ -38,8 +38,11 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     @typed
     def __init__(self, env: gymnasium.Env[Any, Any], gamma: float = 1.0) -> None:
-        """Wrap an environment. Raises gymnasium's Error if not 0 < ``gamma`` <= 1."""
-        of_class(UavEnv, env)
+        """Wrap an environment, which must have an action for each drone.
+
+        Raises gymnasium's Error otherwise, and if not 0 < ``gamma`` <= 1.
+        """
+        not_numbered(env, "SkipForced")
         super().__init__(env)
         self.gamma = _checked(gamma)
         self._drones = int(env.unwrapped.drones)  # type: ignore[attr-defined]

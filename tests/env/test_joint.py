@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gymnasium import error
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import FlattenObservation, TimeLimit
 
 from desim_uav.env import InTurn, JointActions, SkipForced, UavEnv
 from desim_uav.env.arguments import ArgumentError
@@ -137,3 +138,53 @@ def test_too_many_joint_actions_are_refused_with_their_number():
     assert JointActions(made({**BRITTLE, "drones.count": 4})).action_space.n == 6561
     with pytest.raises(ArgumentError, match="at most 728 are allowed"):
         JointActions(made(), most=728)
+
+
+@pytest.mark.parametrize("outer", [JointActions, InTurn, SkipForced])
+@pytest.mark.parametrize("inner", [JointActions, InTurn])
+def test_actions_are_numbered_by_the_outermost_wrapper_alone(outer: Any, inner: Any):
+    for between in (inner(made()), TimeLimit(FlattenObservation(inner(made())), 9)):
+        said = f"{outer.__name__} cannot wrap {inner.__name__}, which has changed the actions"
+        with pytest.raises(ArgumentError, match=said):
+            outer(between)
+
+
+@pytest.mark.parametrize("steps", [5, 1000])
+def test_the_first_drone_is_not_asked_after_the_end(steps: int):
+    """The time limit of the wrapper beneath, and that of the scenario, end the episode."""
+    env = InTurn(TimeLimit(made(), steps))
+    for seed in (0, 1):
+        env.reset(seed=seed)
+        over = False
+        while not over:
+            _, _, terminated, truncated, info = env.step(4)
+            over = terminated or truncated
+        assert info["turn"] == 0
+        for _ in range(2):
+            with pytest.raises(error.ResetNeeded, match="call reset first"):
+                env.step(4)
+
+
+def plain_wrappers(env: Any) -> Any:
+    return TimeLimit(FlattenObservation(env), 17)
+
+
+@pytest.mark.parametrize("wrapper", [JointActions, InTurn])
+@pytest.mark.parametrize("beneath", [False, True], ids=["above", "beneath"])
+def test_masks_stay_right_with_other_wrappers(wrapper: Any, beneath: bool):
+    """Those of whole episodes, over and under wrappers that leave the actions as they are."""
+    under = plain_wrappers(made(BY_EVENT)) if beneath else made(BY_EVENT)
+    env = wrapper(under) if beneath else plain_wrappers(wrapper(under))
+    plain = wrapper(made(BY_EVENT))
+    rng = np.random.default_rng(0)
+    for seed in (0, 1):
+        (_, info), (_, known), over = env.reset(seed=seed), plain.reset(seed=seed), False
+        while not over:
+            mask = env.get_wrapper_attr("action_masks")()
+            assert mask.shape == (env.action_space.n,)
+            assert (mask == info["action_mask"]).all() and (mask == plain.action_masks()).all()
+            assert (mask == known["action_mask"]).all()
+            action = int(rng.choice(np.flatnonzero(mask)))
+            _, _, terminated, truncated, info = env.step(action)
+            known = plain.step(action)[-1]
+            over = terminated or truncated
