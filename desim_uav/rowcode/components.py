@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import re
 import sys
 from collections.abc import Callable, Mapping
@@ -92,9 +93,13 @@ def ruled(method: Any) -> Any:
 
 
 def own_kernel(function: Any, cls: Any) -> Any:
-    """Return a kernel around a method of a class of components, with a file of its own on disk."""
-    name = f"{function.__name__}_of_{cls.__module__}_{cls.__qualname__}"
-    function.__qualname__ = name.replace(".", "_")
+    """Return a kernel around a method of a class of components, with a file of its own on disk.
+
+    A module may be named by the path of its file: a digest stands for it in the file's name.
+    """
+    digest = hashlib.sha256(f"{cls.__module__}:{cls.__qualname__}".encode()).hexdigest()[:16]
+    name = re.sub(r"\W", "_", cls.__name__, flags=re.ASCII)[:40]
+    function.__qualname__ = f"{function.__name__}_of_{name}_{digest}"
     return checked_kernel(function) if owner_of(cls) else kernel(function)
 
 

@@ -8,6 +8,7 @@ import inspect
 import itertools
 import multiprocessing
 import os
+import re
 import sys
 import time
 from importlib.metadata import requires
@@ -80,9 +81,12 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def module_of(folder: Path, source: str, name: str = "mine", at_s: int | None = None) -> ModuleType:
-    """A file of sources as a new process imports it; ``at_s``: when the file was written."""
+    """A file of sources as a new process imports it; ``at_s``: when the file was written.
+
+    The name of the module may be a path, of which the file has the last part.
+    """
     folder.mkdir(exist_ok=True)
-    file = folder / f"{name}.py"
+    file = folder / f"{Path(name).stem}.py"
     file.write_text(source)
     written = next(numbers) if at_s is None else at_s
     os.utime(file, (written, written))
@@ -130,6 +134,22 @@ def test_a_changed_component_is_compiled_anew(tmp_path, kind, factor, more, resu
     assert told(module_of(tmp_path, first), 3.0) == (7.5, False)
     changed = COMPONENT.format(kind=kind, factor=factor, more=more)
     assert told(module_of(tmp_path, changed), 3.0) == (result, False)
+
+
+def test_components_in_files_that_are_named_by_paths_are_kept(tmp_path):
+    """Long ones, with what no file name may contain; both modules are of files of one name."""
+    paths = [f"/{one}/" + 'a: b\\*?"<>|/' * 30 + "mine.py" for one in ("one", "other")]
+    for more, result, from_disk in [
+        ("", 7.5, False),
+        ("", 7.5, True),
+        (" + 1.0", 8.5, False),
+        (" + 1.0", 8.5, True),
+    ]:
+        source = COMPONENT.format(kind="float", factor="2.5", more=more)
+        for path in paths:
+            assert told(module_of(tmp_path, source, path), 3.0) == (result, from_disk)
+    names = [file.name for file in files(tmp_path / "__pycache__")]
+    assert len(names) == 2 and all(re.fullmatch(r"[a-zA-Z0-9_.-]{1,99}", name) for name in names)
 
 
 def test_a_changed_constant_is_compiled_anew(tmp_path):
