@@ -409,6 +409,48 @@ def test_what_is_no_revealed_set_is_refused(cli, tmp_path):
         revealed(tmp_path / "open")
 
 
+def revealed_with(folder, references):
+    """A revealed set with this file of references, whose hash its registry has, if it is there."""
+    folder.mkdir()
+    file, content = folder / kept.REFERENCES, "" if references is None else references
+    if references is not None:
+        file.write_text(references, encoding="utf-8")
+    key = "0" * 64
+    files = {file.name: hashlib.sha256(content.encode()).hexdigest()}
+    about = {"benchmark": "uav-v1", "seal": seal_of(key), "key": key, "files": files}
+    (folder / "registry.json").write_text(json.dumps(about), encoding="utf-8")
+    return revealed(folder)["any"]
+
+
+@pytest.mark.parametrize(
+    ("references", "said"),
+    [
+        (None, "cannot be read: No such file"),
+        ("", "its columns must be task, track, seed, measure, value"),
+        ("task,track,seed,measure\n", "its columns must be"),
+        ("{row}\n", "its columns must be"),
+        ("{columns}\n{row},5\n", "must be task, track, seed, measure, value"),
+        ("{columns}\n\n{row}\n", r"\[\] must be task, track, seed, measure, value"),
+        ("{columns}\n{row}\n{row}\n", "is the second value of this measure in this run"),
+        ("{columns}\n{task},any,first,qoe3_percent,5.0\n", "'first'.* must be task, track, seed"),
+        ("{columns}\n{task},any,1,qoe3_percent,five\n", "'five'.* must be task, track, seed"),
+        ("{columns}\n{task},any,1,qoe3_percent,nan\n", "a value that is not finite"),
+        ("{columns}\nuav-v1/none,any,1,qoe3_percent,5.0\n", "an unknown task or track"),
+        ("{columns}\n{task},none,1,qoe3_percent,5.0\n", "an unknown task or track"),
+        ("{columns}\n{task},any,1,fairness,5.0\n", "a measure that does not count"),
+        ('{columns}\n"{row}\n', "unexpected end of data"),
+    ],
+)
+def test_a_broken_revealed_set_is_refused(tmp_path, references, said):
+    """The message names the file and what is wrong with it."""
+    row, columns = f"{SMALL},any,1,qoe3_percent,5.0", ",".join(kept.COLUMNS)
+    if references is not None:
+        references = references.format(columns=columns, row=row, task=SMALL)
+    track = revealed_with(tmp_path / "open", references)
+    with pytest.raises(PolicyError, match=f"references.csv: .*{said}"):
+        kept.reference_of(find_task(SMALL), track, 1)
+
+
 @pytest.mark.thorough
 def test_a_competition_on_a_sealed_set(cli, tmp_path, monkeypatch):
     """Its submissions are not those of the public set, and its references its own."""

@@ -11,6 +11,7 @@ import csv
 import hashlib
 import io
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -19,15 +20,17 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.disk import write_at
-from desim_uav.errors import ScenarioError
+from desim_uav.errors import PolicyError, ScenarioError, in_short
 from desim_uav.experiment.bench import bounds
 from desim_uav.experiment.bench.measure import measure
 from desim_uav.experiment.bench.score import measures_of
-from desim_uav.experiment.bench.tasks import REGISTRY, BenchTrack, Task, tasks
+from desim_uav.experiment.bench.tasks import REGISTRY, TRACKS, BenchTrack, Task, tasks
 from desim_uav.experiment.processes import run_each
+from desim_uav.rowcode.regular_file import content_of, utf8
 from desim_uav.shipped import bench_folder
 
 REFERENCES, BOUNDS = "references.csv", "bounds.csv"
+MOST_BYTES = 2**24
 COLUMNS = ("task", "track", "seed", "measure", "value")
 REFERENCE = "baseline"
 """The policy with the score 0."""
@@ -50,7 +53,11 @@ def bound_of(task: Task, track: BenchTrack, seed: int) -> dict[str, float]:
 
 
 def kept(name: str, folder: Path) -> Mapping[Key, float]:
-    """Return all values of a file. Raises ScenarioError if it is not the one of the registry."""
+    """Return all values of a file.
+
+    Raises ScenarioError if it is not the one of the registry, and PolicyError, which says what is
+    wrong, if it cannot be read: a revealed set comes from somebody.
+    """
     registry = _registry(folder)
     digests = {of[name] for of in (registry[FILES], registry.get(NEXT, {})) if name in of}
     if name not in registry[FILES] and not (folder / name).exists():
@@ -161,12 +168,41 @@ def _of_run(name: str, task: Task, track: BenchTrack, seed: int) -> dict[str, fl
 def _read(file: Path, digests: frozenset[str]) -> dict[Key, float]:
     if not digests:
         return {}
-    content = file.read_bytes()
+    try:
+        content = content_of(file, MOST_BYTES)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise PolicyError(f"{file}: cannot be read: {reason}") from error
     if hashlib.sha256(content).hexdigest() not in digests:
         raise ScenarioError(
             f"{file}: it is frozen and has been changed: its hash is not that in {REGISTRY}"
         )
-    return {
-        (row["task"], row["track"], int(row["seed"]), row["measure"]): float(row["value"])
-        for row in csv.DictReader(io.StringIO(content.decode()))
-    }
+    values: dict[Key, float] = {}
+    try:
+        rows = csv.reader(io.StringIO(utf8(content)), strict=True)
+        if tuple(next(rows, ())) != COLUMNS:
+            raise ValueError(f"its columns must be {', '.join(COLUMNS)}")
+        for row in rows:
+            key, value = _entry(row)
+            if key in values:
+                raise ValueError(f"{in_short(row)} is the second value of this measure in this run")
+            values[key] = value
+    except (ValueError, csv.Error) as error:
+        raise PolicyError(f"{file}: {error}") from error
+    return values
+
+
+def _entry(row: Sequence[str]) -> tuple[Key, float]:
+    """Return the key and the value in a row. Raises ValueError, which says what is wrong."""
+    try:
+        task, track, seed, measure, value = row
+        key, number = (task, track, int(seed), measure), float(value)
+    except ValueError:
+        raise ValueError(f"{in_short(row)} must be {', '.join(COLUMNS)}") from None
+    if task not in tasks() or track not in TRACKS:
+        raise ValueError(f"{in_short(row)} has an unknown task or track")
+    if measure not in {one.name for one in measures_of(tasks()[task])}:
+        raise ValueError(f"{in_short(row)} has a measure that does not count in this task")
+    if not math.isfinite(number):
+        raise ValueError(f"{in_short(row)} has a value that is not finite")
+    return key, number

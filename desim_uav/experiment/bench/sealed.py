@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from pydantic import Field
+
 from desim_uav.disk import file_place, write_at
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench.tasks import BENCHMARK, REGISTRY, TRACKS, BenchTrack
@@ -32,6 +34,7 @@ class Revealed(Form):
     seal: str
     key: str
     files: dict[str, str]
+    next_files: dict[str, str] = Field(default_factory=dict)
 
 
 def read_key(file: Path) -> str:
