@@ -14,7 +14,7 @@ import pytest
 
 from desim_uav.engine.choose import make_engine
 from desim_uav.errors import PolicyError, ScenarioError
-from desim_uav.experiment.bench import kept, measure
+from desim_uav.experiment.bench import kept, measure, verify
 from desim_uav.experiment.bench.board import board
 from desim_uav.experiment.bench.present import Present, hidden
 from desim_uav.experiment.bench.run import information
@@ -449,6 +449,19 @@ def test_a_broken_revealed_set_is_refused(tmp_path, references, said):
     track = revealed_with(tmp_path / "open", references)
     with pytest.raises(PolicyError, match=f"references.csv: .*{said}"):
         kept.reference_of(find_task(SMALL), track, 1)
+
+
+def test_a_revealed_set_without_the_values_of_a_run_is_not_verified(tmp_path, monkeypatch):
+    """Without its bound a score would count against 100 %; an unnamed task has no scores at all."""
+    found = {kept.REFERENCES: {"qoe3_percent": 5.0}, kept.BOUNDS: {"qoe3_percent": 9.0}}
+    monkeypatch.setattr(verify, "computed", lambda *_: found)
+    row, columns = f"{SMALL},any,1,qoe3_percent,5.0", ",".join(kept.COLUMNS)
+    track = revealed_with(tmp_path / "open", f"{columns}\n{row}\n")
+    (line,) = verify.of_set(find_task(SMALL), track, 1)
+    assert "bounds.csv: seed 1: qoe3_percent: it has no value, and computed anew it is 9.0" in line
+    lines = verify.of_set(find_task(SMALL), track, 2)
+    assert ["references.csv" in lines[0], "bounds.csv" in lines[1]] == [True, True]
+    assert verify.of_set(find_task("uav-v1/edge/small"), track, 1) == []
 
 
 @pytest.mark.thorough

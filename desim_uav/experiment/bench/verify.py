@@ -15,7 +15,7 @@ from desim_uav.errors import DesimError
 from desim_uav.experiment.bench.again import decided_again
 from desim_uav.experiment.bench.bounds import less_crashes
 from desim_uav.experiment.bench.commands import Commands, decisions_sha256
-from desim_uav.experiment.bench.kept import BOUNDS, bound_of, computed, kept
+from desim_uav.experiment.bench.kept import BOUNDS, REFERENCES, bound_of, computed, kept
 from desim_uav.experiment.bench.measure import replay
 from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, BenchTrack, Task
@@ -69,20 +69,23 @@ def _revealed_seeds(submission: Submission) -> list[int]:
 
 
 def of_set(task: Task, track: BenchTrack, seed: int) -> list[str]:
-    """Return the references and bounds of a revealed set that are not those of its key.
+    """Return the references and bounds of a revealed set that are not those of its key, or missing.
 
     The public ones have their hashes in the package, and whoever sends a revealed set could have
-    changed these.
+    changed these. It has none of a task that was not named when it was revealed, and no scores.
     """
-    assert track.folder is not None
-    run, lines = (task.name, track.name, seed), list[str]()
+    folder, run, lines = track.folder, (task.name, track.name, seed), list[str]()
+    assert folder is not None
+    if not any(key[0] == task.name for file in (REFERENCES, BOUNDS) for key in kept(file, folder)):
+        return []
     for file, values in computed(task, track, seed).items():
-        there = {key[3]: value for key, value in kept(file, track.folder).items() if key[:3] == run}
+        there = {key[3]: value for key, value in kept(file, folder).items() if key[:3] == run}
         lines += [
-            f"{track.folder / file}: seed {seed}: {name}: it has {value!r}, and computed anew it "
-            f"is {_words(values.get(name))}"
-            for name, value in there.items()
-            if not math.isclose(value, values.get(name, math.nan), rel_tol=ALIKE.get(file, 0.0))
+            f"{folder / file}: seed {seed}: {name}: it has {_words(there.get(name))}, and computed "
+            f"anew it is {_words(values.get(name))}"
+            for name in {**there, **values}
+            if name not in there
+            or not math.isclose(there[name], values.get(name, math.nan), rel_tol=ALIKE.get(file, 0))
         ]
     return lines
 
