@@ -346,7 +346,7 @@ def _filled(
 
 
 def _trainings(row: Table) -> str:
-    """Return the score of each training that decides otherwise than the ones before it."""
+    """Return the score of each training whose runs differ from those of the ones before it."""
     scores = row["scores"] if row["trainings"] else []
     return ", ".join(f"{interquartile_mean([one]).value:.3f}" for one in scores) or "-"
 

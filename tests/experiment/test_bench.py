@@ -323,6 +323,14 @@ def test_the_board_counts_trainings_and_seeds(zeros):
     assert "| claimed | 2 of 10 | 2 of 10 |" in page and "| claimed | - | 2 of 10 |" in page
 
 
+def test_trainings_whose_runs_are_equal_are_one_training(zeros):
+    """A command that is not allowed has no effect, so it makes no training of its own."""
+    found = submitted("learner", [70.0, 80.0], [70.0, 80.0], [70.0, 90.0])
+    found.commands[2] = commanded(7)
+    (row,) = board([found])[0]["rows"]
+    assert (row["trainings"], row["scores"]) == (2, [[0.5, 0.75], [0.5, 1.0]])
+
+
 def test_the_board_says_how_many_runs_differ(zeros):
     """Where nothing is random, all seeds are one run."""
     (table,) = board([submitted("greedy", [70.0, 70.0]), submitted("ppo", [60.0, 61.0])])

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from desim_uav import escaped
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench.bounds import has_bound
-from desim_uav.experiment.bench.commands import decisions_sha256
 from desim_uav.experiment.bench.kept import bound_of, reference_of
 from desim_uav.experiment.bench.receipts import CLAIMED, NO_CHECKS, digest_of
 from desim_uav.experiment.bench.score import (
@@ -141,15 +140,15 @@ def _digests(rows: Sequence[Mapping[str, Any]]) -> dict[int, set[str]]:
 
 
 def _distinct(submission: Submission) -> tuple[list[Any], int]:
-    """Return the rows of the trainings that decide differently, and how many these are.
+    """Return the rows of the trainings whose runs differ, and how many these are.
 
-    Trainings whose policies gave the same commands in all runs are one training.
+    Trainings whose runs are all equal are one training, even if their commands differ: one that is
+    not allowed has no effect.
     """
-    digests: dict[str, int] = {}
+    digests: dict[tuple[str, ...], int] = {}
     for number in range(len(submission.about.trainings)):
-        runs = zip(submission.rows, submission.commands, strict=True)
-        those = [commands for row, commands in runs if row["training"] == number]
-        digests.setdefault(decisions_sha256(those), number)
+        those = tuple(row["digest"] for row in submission.rows if row["training"] == number)
+        digests.setdefault(those, number)
     distinct = {*digests.values()}
     return [row for row in submission.rows if row["training"] in distinct], len(distinct)
 

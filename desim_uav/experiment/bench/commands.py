@@ -168,10 +168,7 @@ def parted(arrays: dict[str, NDArray[Any]]) -> list[Commands]:
 
 
 def decisions_sha256(commands: Sequence[Commands]) -> str:
-    """Return the SHA-256 of what a policy decided in its runs, in the order of the seeds.
-
-    Trainings that decide the same in all runs are one training, whatever their files look like.
-    """
+    """Return the SHA-256 of what a policy decided in its runs, in the order of the seeds."""
     sha256 = hashlib.sha256()
     for each in commands:
         for name, kind in ARRAYS.items():
