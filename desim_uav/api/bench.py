@@ -68,7 +68,7 @@ def bench_run(
     Raises:
         DesimError: one of its subclasses says what is wrong with the task, a policy or an option,
             before anything is run.
-        Interrupted: Ctrl-C. Its ``result`` holds the submission of the seeds that had ended.
+        Interrupted: Ctrl-C. Its ``result`` holds the submission of the first seeds that had ended.
     """
     parameters = locals()
     from desim_uav.api import arguments

@@ -51,7 +51,7 @@ def list_tasks(arguments: dict[str, Any], as_json: bool) -> None:
 @made(bench_run, AS_JSON, NO_PROGRESS, NO_PLUGINS)
 def run(arguments: dict[str, Any], as_json: bool, quiet: bool) -> None:
     """Print how the policy did, and the folder of the submission."""
-    submission, interrupted = ended(bench_run, arguments, "no seed has ended")
+    submission, interrupted = ended(bench_run, arguments, "the first seed has not ended")
     if as_json:
         print_json(submission.content())
     else:

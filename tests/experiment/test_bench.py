@@ -30,7 +30,7 @@ from desim_uav.experiment.bench.score import (
 )
 from desim_uav.experiment.bench.submission import FORMAT, ROWS, columns_of, read
 from desim_uav.experiment.bench.tasks import TRACKS, find_task, tasks
-from desim_uav.experiment.bench.verify import differences
+from desim_uav.experiment.bench.verify import FIXED, _of_protocol, differences
 from desim_uav.measures.known import KNOWN
 from desim_uav.scenario.description import described
 from desim_uav.scenario.load import load, scenario_hash
@@ -293,6 +293,43 @@ def test_the_board_by_hand(zeros):
     assert "| oracle (knows the future: not a competitor) | 1.000 [1.000, 1.000] |" in page
     assert "| 75.00 [70.00, 80.00] |" in page and "| 2 of 10 |" in page
     assert "| local | claimed |" in page
+
+
+def test_policies_with_fewer_seeds_rank_behind(zeros):
+    """Whoever flies only the easiest seeds is neither the first nor the best."""
+    few, tasks_of = [80.0, 80.0], ("uav-v1/coverage", "uav-v1/urban")
+    found = [
+        submitted(name, values, task=task, future=name == "oracle")
+        for name, values in (("few", few), ("mine", [60.0] * 3), ("oracle", few), ("b", [50.0] * 3))
+        for task in tasks_of
+    ]
+    *tables, last = board(found)
+    for table in (*tables, last):
+        assert [row["policy"] for row in table["rows"]] == ["mine", "b", "few", "oracle"]
+    mine, *_, chosen, _ = tables[0]["rows"]
+    assert mine["to_best"] is None and chosen["to_best"].value == 0.5
+
+
+@pytest.mark.parametrize(
+    ("seeds", "fits"),
+    [
+        ([100], True),
+        ([*range(100, 110)], True),
+        ([*range(100, 111)], False),
+        ([101, 102], False),
+        ([100, 102], False),
+        ([101, 100], False),
+        ([100, 100], False),
+    ],
+)
+@pytest.mark.parametrize("interrupted", [True, False])
+def test_the_seeds_must_be_the_first_of_the_track(seeds, fits, interrupted):
+    about = SimpleNamespace(
+        **FIXED, seeds=seeds, interrupted=interrupted, training_steps=None, trainings=[]
+    )
+    task = find_task("uav-v1/coverage")
+    found = SimpleNamespace(about=about, track=TRACKS["one"], task=task)
+    assert (_of_protocol(found) == []) == fits
 
 
 def test_energy_is_a_column_of_tasks_whose_batteries_hold_it(zeros):
@@ -684,6 +721,26 @@ def test_an_interruption_keeps_the_seeds_that_have_ended(tmp_path, monkeypatch):
     task, place = find_task("uav-v1/multi-service"), RunPlace(tmp_path / "kept", "kept")
     done = run.submit(task, TRACKS["one"], "hover", place)
     assert done.interrupted and read(done.folder).about.seeds == [100]
+
+
+@pytest.mark.parametrize(("ended", "seeds"), [([0, 1, 2, 4, 5], [100]), ([1, 2, 3], None)])
+def test_an_interruption_keeps_no_seed_behind_one_that_is_missing(monkeypatch, ended, seeds):
+    """Of two policies on three seeds at a time, these runs have ended."""
+    from desim_uav.experiment.bench import run
+
+    def some(function, work, jobs):
+        for number in ended:
+            yield number, Measured({"seed": work[number][3]}, np.zeros(1))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "run_each", some)
+    arguments = (None, None, ["a", "b"], [100, 101, 102], 3, lambda: None)
+    if seeds is None:
+        with pytest.raises(KeyboardInterrupt):
+            run._measured(*arguments)
+    else:
+        measured, interrupted = run._measured(*arguments)
+        assert interrupted and [one.row["seed"] for one in measured] == 2 * seeds
 
 
 @pytest.mark.parametrize("where", ["versions", "write"])

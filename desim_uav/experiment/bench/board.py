@@ -45,8 +45,9 @@ def board(
     """Return a table for each task and track of these submissions, and one for several tasks.
 
     ``checks`` says of the digest of a submission how it was verified (``receipts``). Each row has
-    the measures of a policy; the best score is first. Raises PolicyError if two submissions in a
-    task have the same name.
+    the measures of a policy. Those with the most seeds are first, as nobody may leave out hard
+    ones, and among these the best score. Raises PolicyError if two submissions in a task have the
+    same name.
     """
     tables = []
     for track in TRACKS:
@@ -191,6 +192,7 @@ def _of_all(track: str, of_tasks: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "profile": profile([row["scores"] for row in rows]),
             "strata": [row["scores"] for row in rows],
             "tasks": len(rows),
+            "seeds": sum(row["seeds"] for row in rows),
             "runs": sum(sum(map(len, row["scores"])) for row in rows),
         }
         for policy, rows in by_policy.items()
@@ -206,10 +208,10 @@ def profile(strata: Sequence[ArrayLike]) -> dict[str, float]:
     return {f"{least:g}": float(np.mean(of)) for least, of in zip(PROFILE, shares, strict=True)}
 
 
-def _rank(row: dict[str, Any]) -> tuple[bool, float]:
+def _rank(row: dict[str, Any]) -> tuple[bool, int, float]:
     if row["score"] is not None:
-        return True, row["score"].value
-    return False, 0.0
+        return True, row["seeds"], row["score"].value
+    return False, row["seeds"], 0.0
 
 
 def _quartiles(rows: Sequence[Any], name: str, trainings: int) -> Interval | None:

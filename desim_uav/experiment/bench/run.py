@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -122,9 +123,9 @@ def submit(
     """Evaluate a policy on seeds of the protocol, by default all, and write the submission.
 
     Several policies are those of several trainings: all are evaluated on all seeds. ``on_run`` is
-    called after each run. After Ctrl-C the seeds on which all policies have flown are written.
-    Raises KeyboardInterrupt if there is none, and UsageError if a training was longer than the task
-    allows.
+    called after each run. After Ctrl-C the first seeds are written, up to one on which not all
+    policies have flown. Raises KeyboardInterrupt if there is none, and UsageError if a training was
+    longer than the task allows.
     """
     within_budget(task, training_steps)
     policies = [policy] if isinstance(policy, str) else list(policy)
@@ -244,7 +245,10 @@ def _measured(
     jobs: int,
     on_run: Callable[[], None],
 ) -> tuple[list[Measured], bool]:
-    """Return what was measured, training by training, and whether Ctrl-C has ended it early."""
+    """Return what was measured, training by training, and whether Ctrl-C has ended it early.
+
+    A seed that ended before an earlier one is then left out: nobody may choose seeds.
+    """
     runs = [(number, seed) for seed in seeds for number in range(len(policies))]
     measured_of: dict[tuple[int, int], Measured] = {}
     interrupted = False
@@ -256,11 +260,12 @@ def _measured(
                 on_run()
     except KeyboardInterrupt:
         interrupted = True
-    whole = [seed for seed in seeds if all((n, seed) in measured_of for n in range(len(policies)))]
+    numbers = range(len(policies))
+    whole = list(takewhile(lambda seed: all((n, seed) in measured_of for n in numbers), seeds))
     if not whole:
         raise KeyboardInterrupt
     return [
         replace(measured_of[n, seed], row={submission.TRAINING: n} | measured_of[n, seed].row)
-        for n in range(len(policies))
+        for n in numbers
         for seed in whole
     ], interrupted

@@ -155,11 +155,9 @@ def _of_protocol(submission: Submission) -> list[str]:
         for name, value in FIXED.items()
         if getattr(submission.about, name) != value
     ]
-    foreign = sorted({*submission.about.seeds} - {*submission.track.seeds})
-    if foreign:
-        lines.append(f"seeds: {foreign} are not in the track {submission.track.name!r}")
-    if len({*submission.about.seeds}) < len(submission.about.seeds):
-        lines.append("seeds: one is there twice")
+    seeds = submission.about.seeds
+    if seeds != list(submission.track.seeds[: len(seeds)]):
+        lines.append(f"seeds: {seeds} are not the first of the track {submission.track.name!r}")
     if (submission.about.training_steps or 0) > STEPS[submission.task.size]:
         lines.append(f"training_steps: more than the {STEPS[submission.task.size]:,} of the task")
     for number, training in enumerate(submission.about.trainings):
