@@ -74,7 +74,7 @@ def bench_run(
     from desim_uav.api import arguments
     from desim_uav.experiment.bench.run import check, submit
     from desim_uav.experiment.bench.sealed import revealed as tracks_of
-    from desim_uav.experiment.bench.submission import place_of
+    from desim_uav.experiment.bench.submission import blank, place_of
     from desim_uav.experiment.bench.tasks import ENGINE, find_task, find_track
     from desim_uav.experiment.command import label_of
     from desim_uav.experiment.progress import progress as shown
@@ -84,6 +84,8 @@ def bench_run(
     if not policies:
         raise UsageError("policy: give at least one")
     names = [str(each) for each in policies]
+    if name is not None and blank(name):
+        raise UsageError(f"name: {name!r}: it must not be blank")
     if seeds is not None and seeds > len(worlds.seeds):
         raise UsageError(f"seeds: {seeds}: track {track} has {len(worlds.seeds)}")
     all_seeds = list(worlds.seeds[:seeds])

@@ -131,6 +131,16 @@ def test_the_list(cli):
         (2, ("run", "uav-v1/edge", "--policy", "hover", "--track", "anny"), ["mean 'any'"]),
         (2, ("run", "uav-v1/edge", "--policy", "hover", "--seeds", "33"), ["from 1 to 32"]),
         (2, ("run", "uav-v1/edge", "--policy", "hover", "--seeds", "11"), ["track one has 10"]),
+        (
+            2,
+            ("run", "uav-v1/edge", "--policy", "hover", "--name", " "),
+            ["name: ' ': it must not be blank"],
+        ),
+        (
+            2,
+            ("run", "uav-v1/edge", "--policy", "hover", "--name", ""),
+            ["name: '': it must not be blank"],
+        ),
         (4, ("run", "uav-v1/edge", "--policy", "greddy"), ["'greddy'", "mean 'greedy'"]),
         (4, ("verify", "none"), ["none: no such folder"]),
         (4, ("board", "none", "-o", "page.md"), ["none: no such folder"]),
@@ -584,6 +594,30 @@ def test_a_changed_row_is_refused(cli, folder, tmp_path):
 def test_rows_that_cannot_be_read(cli, folder, tmp_path, before, after, said):
     copy = changed(folder / "table", tmp_path, ROWS, lambda content: content.replace(before, after))
     cli("bench", "board", copy).failed(4, "rows.csv", said)
+
+
+@pytest.mark.parametrize("name", ["", " ", "\n", "\u200b"])
+def test_a_name_that_cannot_be_seen_is_refused(tmp_path, name):
+    about = {"format": FORMAT, "benchmark": frozen.BENCHMARK, "name": name, "interrupted": False}
+    about |= dict.fromkeys(("task", "track", "seal", "scenario_hash", "information", "engine"), "a")
+    about |= {"knows_future": False, "ceiling": True, "episodes": 1, "warmup": 1, "seeds": [1]}
+    about["trainings"] = [{"policy": "a", "policy_sha256": None, "decisions_sha256": "a"}]
+    (tmp_path / "manifest.json").write_text(json.dumps(about), encoding="utf-8")
+    with pytest.raises(PolicyError, match=r"manifest\.json: .*: name: it must not be blank"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize("time", ["-1000", "-1e-9", "nan", "inf"])
+def test_a_time_that_nothing_takes_is_refused(tmp_path, time):
+    task = find_task("uav-v1/coverage")
+    columns = columns_of(task)
+    cells = [time if name == "decision_ms" else "1" for name in columns]
+    lines = f"{','.join(columns)}\n{','.join(cells)}\n"
+    (tmp_path / ROWS).write_text(lines, encoding="utf-8")
+    with pytest.raises(
+        PolicyError, match=f"{ROWS}: .*decision_ms: '{time}' is not finite|negative"
+    ):
+        submission._read_rows(tmp_path / ROWS, task)
 
 
 @pytest.mark.thorough

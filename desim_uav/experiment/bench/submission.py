@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from desim_uav.array_file import Stored, pack
 from desim_uav.checksums import verify
@@ -44,6 +44,19 @@ TRAINING = "training"
 WHOLE, WORDS = ("seed", "world_seed"), ("digest",)
 LAST = ("decision_ms",)
 
+
+def blank(name: str) -> bool:
+    """Return whether nothing of a name can be seen."""
+    return not any(letter.isprintable() and not letter.isspace() for letter in name)
+
+
+def _seen(name: str) -> str:
+    """Return a name. Raises ValueError if nothing of it can be seen."""
+    if blank(name):
+        raise ValueError("it must not be blank")
+    return name
+
+
 SubmissionText = Annotated[str, Field(max_length=10_000)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
@@ -67,7 +80,7 @@ class About(Form):
     scenario_hash: SubmissionText
     trainings: Annotated[list[OfTraining], Field(min_length=1, max_length=100)]
     training_steps: Seed | None = None
-    name: SubmissionText
+    name: Annotated[SubmissionText, AfterValidator(_seen)]
     information: SubmissionText
     knows_future: bool
     ceiling: bool
@@ -211,6 +224,8 @@ def _value(name: str, text: str | None) -> Any:
         raise ValueError(f"{name}: {text[:40]!r} is not a number") from None
     if value is not None and not math.isfinite(value):
         raise ValueError(f"{name}: {text[:40]!r} is not finite")
+    if value is not None and name in LAST and value < 0:
+        raise ValueError(f"{name}: {text[:40]!r} is negative")
     return value
 
 
