@@ -211,7 +211,9 @@ def _learned(tables: Sequence[Table], policies: Mapping[str, Policy]) -> str:
     return (
         "The score of the best learned policy minus that of `greedy`, paired by seed. It is higher "
         f"in {verdicts.count(1)} of {len(lines)} lines, lower in {verdicts.count(-1)}, and in the "
-        "others the 95 % interval contains 0.\n\n"
+        "others the 95 % interval contains 0. The planner also has other "
+        "[settings](../howto/expert.md#learn-the-numbers-of-the-planner) than `greedy`, to which "
+        "most of its gain in case 8 is due.\n\n"
         + _markdown(("Task", "Size", "Track", "Best learned policy", "Difference"), lines)
     )
 
