@@ -56,8 +56,8 @@ def file_place(out: Path, option: str = "", endings: Sequence[str] = ()) -> Path
     return place
 
 
-def write_at(place: Path, content: bytes) -> None:
-    """Write a file in its place, and make its folders if they do not exist.
+def write_at(place: Path, content: bytes) -> Path:
+    """Write a file in its place, which is returned, and make its folders if they do not exist.
 
     Raises DesimError if that fails; then new folders are removed again.
     """
@@ -73,6 +73,7 @@ def write_at(place: Path, content: bytes) -> None:
             with suppress(OSError):  # somebody else's file is in it
                 folder.rmdir()
         raise
+    return place
 
 
 def try_writing(folder: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -110,6 +110,13 @@ def did_you_mean(word: str, words: Iterable[str]) -> str:
     """Return `` (did you mean 'x'?)`` for the nearest known word, or "" if none is near."""
     nearest = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
     return f" (did you mean {nearest[0]!r}?)" if nearest else ""
+
+
+def require_within(options: Mapping[str, Any], bounds: Mapping[str, Sequence[float]]) -> None:
+    """Raise UsageError, which names the option, for one that is not within its two bounds."""
+    for name, (least, most) in bounds.items():
+        if not least <= options[name] <= most:
+            raise UsageError(f"--{name} {options[name]}: must be from {least} to {most}")
 
 
 def has_instead(of: type, name: str) -> str:

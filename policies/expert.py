@@ -22,7 +22,7 @@ import numpy as np
 from desim_uav.disk import file_place, write_at
 from desim_uav.engine.compiled.forks import Forks
 from desim_uav.env import UavParallelVectorEnv
-from desim_uav.errors import DesimError, MissingExtraError, UsageError
+from desim_uav.errors import DesimError, MissingExtraError, UsageError, require_within
 from desim_uav.experiment.interrupt import end_politely
 from desim_uav.experiment.provenance import command, commit, processor
 from desim_uav.model.rules import Action
@@ -78,9 +78,9 @@ OPTIONS = {
 def options_of(**changes):
     """The options of a training, with these changes. Raises UsageError for what cannot be."""
     options = {name: default for name, (default, *_) in OPTIONS.items()} | changes
-    for name, (_, least, most, _) in OPTIONS.items():
-        if not least <= options[name] <= most:
-            raise UsageError(f"--{name} {options[name]}: must be from {least} to {most}")
+    require_within(options, {name: bounds for name, (_, *bounds, _) in OPTIONS.items()})
+    if not options["imitations"] + options["searches"]:
+        raise UsageError("--imitations 0 --searches 0: nothing would be learned")
     return argparse.Namespace(**options)
 
 
@@ -392,9 +392,8 @@ def train(scenario, options, save=lambda network: None, say=lambda line: None):
     net = Net(world, options.hidden)
     optimizer = torch.optim.Adam(net.parameters(), options.rate)
     for searched, passes in ((False, options.imitations), (True, options.searches)):
-        samples = []
+        samples, rate = [], options.search_rate if searched else options.rate
         for k in range(passes):
-            rate = options.search_rate if searched else options.rate
             optimizer.param_groups[0]["lr"] = rate * (1 - k / passes)
             parts, reward = play(city, net, 1.0 if k == 0 else 0.25, searched)
             samples.append(parts)
@@ -425,10 +424,11 @@ def main(arguments=None):
         parser.add_argument(f"--{name}", type=type(default), default=default, help=meaning)
     asked = vars(parser.parse_args(arguments))
     told = {"torch": torch.__version__, "commit": commit(), "processor": processor()}
+    written = ["no file"]
 
     def save(network):
         network.about["training"] |= told | {"command": command(sys.argv)}
-        write_at(place, network.to_bytes())
+        written.append(write_at(place, network.to_bytes()))
 
     try:
         name, out, changes = (asked.pop(key) for key in ("scenario", "out", "changes"))
@@ -439,7 +439,7 @@ def main(arguments=None):
         print(error, file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print(f"interrupted; {place} has the policy of the last pass", file=sys.stderr)
+        print(f"interrupted; {written[-1]} has the policy of the last pass", file=sys.stderr)
         return 130
     print(f"desim-uav run {name} --policy {place}")
     return 0

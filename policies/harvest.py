@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from desim_uav.disk import file_place, write_at
-from desim_uav.errors import DesimError
+from desim_uav.errors import DesimError, require_within
 from desim_uav.experiment.interrupt import end_politely
 from desim_uav.experiment.papers.harvest import drawn, ground_of
 from desim_uav.experiment.papers.harvester import FEATURES, WEIGHTS, Harvester
@@ -29,6 +29,14 @@ FIRST_SEED = 2**41
 """The first seed of missions, which no evaluation has."""
 LEAST = 0.02
 """The least deviation of a weight."""
+
+OPTIONS = {
+    "seed": (0, 0, 2**20, "what all is drawn from"),
+    "generations": (14, 1, 1024, "how often weights are drawn"),
+    "population": (16, 2, 4096, "weights of a generation"),
+    "missions": (16, 1, 1024, "missions that each of them flies"),
+}
+"""The default of each option, the least and the greatest value, and what it is."""
 
 
 def counted(ground, weights, seed):
@@ -64,11 +72,9 @@ def main(arguments=None):
     """Train, and write the weights after each generation."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, default=WEIGHTS, help="the file of the weights")
-    parser.add_argument("--seed", type=int, default=0, help="what all is drawn from")
-    parser.add_argument("--generations", type=int, default=14, help="how often weights are drawn")
-    parser.add_argument("--population", type=int, default=16, help="weights of a generation")
-    parser.add_argument("--missions", type=int, default=16, help="missions that each of them flies")
-    options = parser.parse_args(arguments)
+    for name, (default, _, _, meaning) in OPTIONS.items():
+        parser.add_argument(f"--{name}", type=int, default=default, help=meaning)
+    options, written = parser.parse_args(arguments), ["no file"]
 
     def save(weights, generations, took_s):
         numbers = [round(float(weight), 4) for weight in weights]
@@ -76,16 +82,17 @@ def main(arguments=None):
         training |= {"generations": generations, "processor_s": round(took_s)}
         training |= {"processor": processor(), "commit": commit()}
         content = {"weights": dict(zip(FEATURES, numbers, strict=True)), "training": training}
-        write_at(place, (json.dumps(content, indent=1) + "\n").encode())
+        written.append(write_at(place, (json.dumps(content, indent=1) + "\n").encode()))
 
     try:
+        require_within(vars(options), {name: bounds for name, (_, *bounds, _) in OPTIONS.items()})
         place = file_place(options.out, "--out", [".json"])
         train(options, save, lambda line: print(line, file=sys.stderr, flush=True))
     except DesimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print(f"interrupted; {place} has the weights of the last generation", file=sys.stderr)
+        print(f"interrupted; {written[-1]} has the weights of the last generation", file=sys.stderr)
         return 130
     return 0
 

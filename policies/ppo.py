@@ -22,7 +22,7 @@ import numpy as np
 
 from desim_uav.disk import file_place, write_at
 from desim_uav.env import UavParallelVectorEnv
-from desim_uav.errors import DesimError, UsageError
+from desim_uav.errors import DesimError, require_within
 from desim_uav.experiment.interrupt import end_politely
 from desim_uav.experiment.provenance import command, commit, processor
 from desim_uav.learning.actor_critic import Agent, Freely
@@ -56,9 +56,7 @@ OPTIONS = {
 def options_of(worlds="own", central=False, **changes):
     """The options of a training, with these changes. Raises UsageError for what cannot be."""
     options = {name: default for name, (default, *_) in OPTIONS.items()} | changes
-    for name, (_, least, most, _) in OPTIONS.items():
-        if not least <= options[name] <= most:
-            raise UsageError(f"--{name} {options[name]}: must be from {least} to {most}")
+    require_within(options, {name: bounds for name, (_, *bounds, _) in OPTIONS.items()})
     return argparse.Namespace(worlds=worlds, central=central, **options)
 
 
@@ -196,10 +194,11 @@ def main(arguments=None):
         parser.add_argument(f"--{name}", type=type(default), default=default, help=meaning)
     asked = vars(parser.parse_args(arguments))
     told = {"numpy": np.__version__, "commit": commit(), "processor": processor()}
+    written = ["no file"]
 
     def save(network):
         network.about["training"] |= told | {"command": command(sys.argv)}
-        write_at(place, network.to_bytes())
+        written.append(write_at(place, network.to_bytes()))
 
     try:
         name, out, changes = (asked.pop(key) for key in ("scenario", "out", "changes"))
@@ -210,7 +209,7 @@ def main(arguments=None):
         print(error, file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print(f"interrupted; {place} has the policy of the last update", file=sys.stderr)
+        print(f"interrupted; {written[-1]} has the policy of the last update", file=sys.stderr)
         return 130
     print(f"desim-uav run {name} --policy {place}")
     return 0

@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 from desim_uav.disk import file_place
-from desim_uav.errors import DesimError, UsageError
+from desim_uav.errors import DesimError, require_within
 from desim_uav.experiment.interrupt import end_politely
 from desim_uav.scenario.load import load
 from desim_uav.shipped import find_scenario
@@ -109,8 +109,9 @@ def main(arguments=None):
     except DesimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print(f"interrupted; {asked.file} has the policy of the last update", file=sys.stderr)
+    except KeyboardInterrupt as end:
+        written = str(end) or "no file"
+        print(f"interrupted; {written} has the policy of the last update", file=sys.stderr)
         return 130
     print(f"desim-uav run {asked.scenario} --seed {asked.seed} --policy {asked.file}")
     return 0
@@ -118,9 +119,7 @@ def main(arguments=None):
 
 def train(asked):
     """Train what is asked for. Raises DesimError, before anything begins."""
-    for name, least, most in (("steps", 1, 2**50), ("seed", 0, 2**20)):
-        if not least <= getattr(asked, name) <= most:
-            raise UsageError(f"--{name} {getattr(asked, name)}: must be from {least} to {most}")
+    require_within(vars(asked), {"steps": (1, 2**50), "seed": (0, 2**20)})
     file_place(asked.file, "the policy file")
     scenario = load(find_scenario(asked.scenario), [*DEFAULTS, *asked.changes])
     from desim_uav.env.benchmarl import SavePolicy  # raises MissingExtraError
@@ -130,7 +129,11 @@ def train(asked):
         folder.mkdir(parents=True, exist_ok=True)
         saving = [SavePolicy(asked.file)]
         options = (asked.algorithm, asked.steps, asked.seed, asked.worlds)
-        experiment(scenario, folder, *options, callbacks=saving).run()
+        training = experiment(scenario, folder, *options, callbacks=saving)  # writes the file
+        try:
+            training.run()
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(asked.file) from None
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ a drone observes and is paid for.
 import argparse
 import sys
 from copy import deepcopy
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -20,9 +21,10 @@ from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.vec_env import VecEnv
 
+from desim_uav.disk import file_place
 from desim_uav.env import UavParallelVectorEnv
 from desim_uav.env.configure import configured
-from desim_uav.errors import DesimError, UsageError
+from desim_uav.errors import DesimError, UsageError, require_within
 
 ENVS = 8
 """So many environments side by side, each of which has all drones of the scenario."""
@@ -118,6 +120,8 @@ def main(arguments=None):
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args(arguments)
     try:
+        require_within(vars(asked), {"steps": (1, 2**50), "seed": (0, 2**20)})
+        file_place(Path(asked.file), "the model", [".zip"])
         train(asked.algorithm, asked.scenario, asked.steps, asked.seed).save(asked.file)
     except DesimError as error:
         print(error, file=sys.stderr)

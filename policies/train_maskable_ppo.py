@@ -6,6 +6,7 @@ desim-uav run case1 --seed 0 --policy sb3:model.zip
 
 import argparse
 import sys
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -13,9 +14,10 @@ import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.env_util import make_vec_env
 
+from desim_uav.disk import file_place
 from desim_uav.env import UavEnv
 from desim_uav.env.configure import configured
-from desim_uav.errors import DesimError
+from desim_uav.errors import DesimError, require_within
 
 ENVS = 8
 """So many runs of the world side by side: drones that go on from each other's ends see little."""
@@ -73,6 +75,8 @@ def main(arguments=None):
     asked = parser.parse_args(arguments)
     torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
     try:
+        require_within(vars(asked), {"steps": (1, 2**50), "seed": (0, 2**20)})
+        file_place(Path(asked.file), "the model", [".zip"])
         train(asked.scenario, asked.steps, asked.seed).save(asked.file)
     except DesimError as error:
         print(error, file=sys.stderr)

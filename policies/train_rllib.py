@@ -19,7 +19,7 @@ from ray.rllib.env.wrappers.pettingzoo_env import ParallelPettingZooEnv
 
 from desim_uav import UavParallelEnv
 from desim_uav.env.configure import configured
-from desim_uav.errors import DesimError
+from desim_uav.errors import DesimError, require_within
 from desim_uav.policies.rllib import save
 from desim_uav.policies.rllib.masking import AddActionMask, EncodeObservation, MaskedModule
 
@@ -114,6 +114,7 @@ def main(arguments=None):
     asked = parser.parse_args(arguments)
     torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
     try:
+        require_within(vars(asked), {"steps": (1, 2**50), "seed": (0, 2**20)})
         algorithm = train(asked.scenario, asked.steps, asked.seed, asked.shared)
     except DesimError as error:
         print(error, file=sys.stderr)
