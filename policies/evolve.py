@@ -10,8 +10,9 @@ distributions and flies all of them in the same episodes, which are new in each 
 better half of them, the best ones most, move the means and deviations (a cross-entropy method).
 An episode of a dispatcher counts as in the benchmark's task dispatch: QoE1, QoE3 and QoE2 between
 those of ``baseline`` and their best values, less crashes. One of a planner counts by the mean of
-QoE1 and QoE3, less crashes. The world is that of ``world_seed`` (default 0); with ``--worlds
-train``, all fly in the same ``--many`` training worlds, which are new in each generation.
+QoE1 and QoE3, less crashes. All services must ask for a time. The world is that of ``world_seed``
+(default 0); with ``--worlds train``, all fly in the same ``--many`` training worlds, which are new
+in each generation.
 """
 
 import argparse
@@ -23,12 +24,13 @@ import numpy as np
 
 from desim_uav.disk import file_place, write_at
 from desim_uav.env.tasks import WORLDS
-from desim_uav.errors import DesimError, UsageError
+from desim_uav.errors import DesimError, UsageError, require_within
 from desim_uav.experiment.bench.score import QOE, SCORED, score
 from desim_uav.experiment.bench.tasks import find_task
 from desim_uav.experiment.interrupt import end_politely
 from desim_uav.experiment.provenance import command, commit, processor
 from desim_uav.experiment.run import play
+from desim_uav.model.services import is_one_time
 from desim_uav.policies import dispatcher, load_policy, planner
 from desim_uav.policies.weights_file import to_bytes
 from desim_uav.scenario.load import dump, load
@@ -53,14 +55,20 @@ FIRST_SEED = 2**41
 def options_of(worlds="own", **changes):
     """The options of a training, with these changes. Raises UsageError for what cannot be."""
     options = {name: default for name, (default, *_) in OPTIONS.items()} | changes
-    for name, (_, least, most, _) in OPTIONS.items():
-        if not least <= options[name] <= most:
-            raise UsageError(f"--{name} {options[name]}: must be from {least} to {most}")
+    require_within(options, {name: bounds for name, (_, *bounds, _) in OPTIONS.items()})
     return argparse.Namespace(worlds=worlds, **options)
 
 
 def kind_of(scenario):
-    """The module of what is learned: the class of the policy, its weights and their scales."""
+    """The module of what is learned: the class of the policy, its weights and their scales.
+
+    Raises UsageError for services by which flights do not count, and drones without a policy.
+    """
+    if not all(map(is_one_time, scenario.services.values())):
+        raise UsageError(
+            f"{scenario.name}: policies count by QoE1 and QoE3 here, so all services must be ones "
+            "that ask for a time"
+        )
     world = build_world(scenario, 0)
     if not (world.free and world.by_event):
         return planner
@@ -90,6 +98,8 @@ def flown(world, policy, seed, episodes):
         attached_us += log.attached_us
         crashes += len(log.crashed)
         epochs += len(log.steps) // len(world.starts)
+    if not closed:
+        raise UsageError(f"--episodes {episodes}: nobody asks for anything in so many")
     first, second = np.mean(closed, axis=0)
     third = 100.0 * attached_us / (world.horizon_us * len(world.homes) * episodes)
     names = ("qoe1_percent", "qoe2_iterations", "qoe3_percent", "crashes_per_drone_episode")
@@ -115,6 +125,10 @@ def train(scenario, options, save=lambda kind, weights, steps: None, say=lambda 
     if kind is dispatcher:
         measures = SCORED["dispatch"]
         zero, steps = flown(worlds[0], load_policy("baseline"), first, 4 * options.episodes)
+        if steps > options.steps:
+            raise UsageError(
+                f"--steps {options.steps}: must be at least {steps}, those of baseline's flights"
+            )
     scales = np.array([*kind.SCALES.values()])
     mean, deviations = np.array([*kind.WEIGHTS.values()]), options.deviation * scales
     fliers = [policy_of(kind, mean) for _ in worlds]
@@ -165,11 +179,13 @@ def main(arguments=None):
     parser.add_argument("--worlds", choices=("own", "train"), default="own", help="to fly in")
     asked = vars(parser.parse_args(arguments))
     told = {"numpy": np.__version__, "commit": commit(), "processor": processor()}
+    written = ["no file"]
 
     def save(kind, weights, steps):
         training = vars(options) | told | {"command": command(sys.argv), "steps_done": steps}
         training["scenario_yaml"] = dump(scenario)
-        write_at(place, to_bytes(kind.ARRAY, kind.WEIGHTS, weights, {"training": training}))
+        content = to_bytes(kind.ARRAY, kind.WEIGHTS, weights, {"training": training})
+        written.append(write_at(place, content))
 
     try:
         name, out, changes = (asked.pop(key) for key in ("scenario", "out", "changes"))
@@ -181,7 +197,7 @@ def main(arguments=None):
         print(error, file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print(f"interrupted; {place} has the policy of the last generation", file=sys.stderr)
+        print(f"interrupted; {written[-1]} has the policy of the last generation", file=sys.stderr)
         return 130
     print(f"desim-uav run {name} --policy {place}")
     return 0

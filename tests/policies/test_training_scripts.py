@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-SCRIPTS = {"ppo": "npz", "expert": "npz", "harvest": "json"}
+SCRIPTS = {"evolve": "npz", "ppo": "npz", "expert": "npz", "harvest": "json"}
 
 
 def script(name: str) -> Any:
@@ -60,6 +60,34 @@ def test_a_model_without_its_ending_is_refused(
     assert "must end in .zip" in capsys.readouterr().err and not [*tmp_path.iterdir()]
 
 
+@pytest.mark.parametrize("task", ["edge", "harvest", "handover"])
+def test_planners_are_not_evolved_where_other_measures_count(
+    task: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "none.npz"
+    assert script("evolve").main([f"uav-v1/{task}/small", "--out", str(file)]) == 2
+    assert "all services must be ones that ask for a time" in capsys.readouterr().err
+
+
+def test_evolution_needs_more_steps_than_the_flights_of_baseline(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    evolve, file = script("evolve"), tmp_path / "none.npz"
+    monkeypatch.setattr(evolve, "flown", lambda *_: ({}, 10))
+    assert evolve.main(["uav-v1/dispatch/small", "--steps", "9", "--out", str(file)]) == 2
+    out, err = capsys.readouterr()
+    assert "--steps 9: must be at least 10" in err and not out and not file.exists()
+
+
+def test_episodes_without_requests_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    evolve = script("evolve")
+    log = SimpleNamespace(requests=[], attached_us=0, crashed=[], steps=[])
+    monkeypatch.setattr(evolve, "play", lambda *_, **__: [(log, None)])
+    world = SimpleNamespace(starts=[0], horizon_us=1, homes=[0])
+    with pytest.raises(evolve.UsageError, match="--episodes 3: nobody asks"):
+        evolve.flown(world, None, 0, 3)
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
 @pytest.mark.parametrize("where", ["file_place", "train", "save"])
 def test_after_an_interruption_a_file_is_named_only_if_it_was_written(
@@ -74,6 +102,8 @@ def test_after_an_interruption_a_file_is_named_only_if_it_was_written(
     def interrupted(*given: Any, **how: Any) -> None:
         if where == "save" and name == "harvest":
             given[1]([0.0] * len(module.FEATURES), 1, 1.0)
+        elif where == "save" and name == "evolve":
+            given[2](module.planner, [0.0] * len(module.planner.WEIGHTS), 1)
         elif where == "save":
             given[2](SimpleNamespace(about={"training": {}}, to_bytes=lambda: b"network"))
         raise KeyboardInterrupt
