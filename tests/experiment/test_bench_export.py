@@ -6,12 +6,13 @@ import json
 import runpy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import desim_uav as du
-from desim_uav.errors import MissingExtraError, UsageError
+from desim_uav.errors import MissingExtraError, PolicyError, UsageError
 from desim_uav.experiment.bench.export import SEEDS
 from desim_uav.experiment.bench.tasks import EPISODES, WARMUP, find_task, find_track
 from desim_uav.experiment.run import run
@@ -71,6 +72,56 @@ def test_a_clone_learns_the_actions_of_a_policy():
     network = clone["train"](seen, masks, actions, epochs=20, rate=3e-3, seed=0)
     best = np.where(masks, network.forward(seen)[-1], -np.inf).argmax(-1)
     assert (best == actions).mean() > 0.97
+
+
+def data_set(folder: Path, **changes: object) -> None:
+    """Write the manifest of a data set that has no data."""
+    task = {"task": TASK, "track": "one", "scenario_hash": find_task(TASK).scenario_hash}
+    manifest = {**task, "observation": {"kind": "local"}, **changes}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, "not a readable data set: No data found"),
+        ({"task": 1}, "not the manifest of a data set: task: must be text"),
+        ({"task": "uav-v1/covrage"}, "unknown task (did you mean 'uav-v1/coverage'?)"),
+        ({"observation": {"kind": "lokal"}}, "its observation is lokal; must be one of"),
+        ({"scenario_hash": "0"}, f"it is of another version of {TASK}, whose hash is"),
+    ],
+)
+def test_a_data_set_that_cannot_be_cloned_ends_with_code_4(
+    changes: dict[str, object], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("minari")
+    clone = runpy.run_path(str(ROOT / "policies" / "clone.py"))
+    data_set(tmp_path, **changes)
+    asked = [str(tmp_path), "--out", str(tmp_path / "clone.npz")]
+    assert clone["main"](asked) == 4 and told in capsys.readouterr().err
+    (tmp_path / "manifest.json").write_text("no JSON")
+    assert clone["main"](asked) == 4 and "not a readable JSON" in capsys.readouterr().err
+    assert clone["main"]([*asked, "--epochs", "0"]) == 2
+    assert not (tmp_path / "clone.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("features", "action", "told"),
+    [(4, 0, "no steps of 4 features and 3 actions"), (3, 1, "an action was not allowed")],
+)
+def test_steps_of_another_form_are_not_cloned(
+    features: int, action: int, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("minari")
+    steps_of = runpy.run_path(str(ROOT / "policies" / "clone.py"))["steps_of"]
+    masks = np.tile([1, 0, 1], (3, 1))
+    episode = SimpleNamespace(
+        observations=np.zeros((3, 3)), actions=np.array([0, action]), infos={"action_mask": masks}
+    )
+    data = SimpleNamespace(iterate_episodes=lambda: [episode])
+    monkeypatch.setitem(steps_of.__globals__, "MinariDataset", lambda folder: data)
+    with pytest.raises(PolicyError, match=told):
+        steps_of("data", features, 3)
 
 
 @pytest.mark.thorough
