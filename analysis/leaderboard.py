@@ -32,7 +32,14 @@ from leaderboard_pages import Planned, Policy
 from leaderboard_times import Times, spent_s
 
 import desim_uav as du
-from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError, printable
+from desim_uav.errors import (
+    DesimError,
+    PolicyError,
+    SimulationError,
+    UsageError,
+    did_you_mean,
+    printable,
+)
 from desim_uav.experiment.bench.kept import complete, reference_of
 from desim_uav.experiment.bench.receipts import DECIDED, add_receipt, digest_of, read_receipts
 from desim_uav.experiment.bench.run import submit
@@ -259,9 +266,13 @@ def make(parts: Sequence[str], jobs: int, *, only_list: bool, only_pages: bool) 
     Returns in what submissions differ from their replay. Raises UsageError if no submission has
     such a name.
     """
-    chosen = [one for one in entries() if _asked(one, parts)]
-    if not chosen:
-        raise UsageError(f"{' '.join(parts)}: no part of the leaderboard has such a name")
+    listed = entries()
+    words = [word for one in listed for word in (one.name, *one.name.split("-"))]
+    lost = [part for part in parts if not any(_asked(one, [part]) for one in listed)]
+    if lost:
+        told = ", ".join(f"{part}{did_you_mean(part, words)}" for part in lost)
+        raise UsageError(f"{told}: no part of the leaderboard has such a name")
+    chosen = [one for one in listed if _asked(one, parts)]
     if jobs < 1:
         raise UsageError(f"-j {jobs}: must be at least 1")
     missing = [one for one in chosen if one.submission() is None]

@@ -555,6 +555,11 @@ def test_a_training_is_done_once_for_all_rows_that_need_it(leaderboard, lead, mo
     ("arguments", "code", "message"),
     [
         (["nonesuch"], 2, "nonesuch: no part of the leaderboard has such a name"),
+        (
+            ["--list", "coverage", "hovr", "nonesuch"],
+            2,
+            "hovr (did you mean 'hover'?), nonesuch: no part of the leaderboard has such a name",
+        ),
         (["-j", "0"], 2, "-j 0: must be at least 1"),
         (["--pages"], 4, "there are no pages without a submission"),
     ],
