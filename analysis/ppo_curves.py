@@ -7,10 +7,11 @@ Trains in world 0 of case 8 with each file in turn, for each of some seeds, and 
 after each quarter of the steps. Each network is run on the same seeds, which no training uses. The
 tables have the processor time of the trainings, and the means over trainings of QoE1, QoE3 and
 crashes after each quarter, with 95 % t-intervals of the difference from the first file. What is
-in the folder already is not made again.
+in the folder already, of the same text and options, is not made again.
 """
 
 import argparse
+import hashlib
 import importlib.util
 import json
 import os
@@ -24,6 +25,7 @@ import numpy as np
 from script import row
 
 import desim_uav as du
+from desim_uav.errors import DesimError, UsageError, require_within
 from desim_uav.experiment.statistics import estimate, paired
 from desim_uav.scenario.load import load
 from desim_uav.shipped import find_scenario
@@ -34,6 +36,8 @@ SETTINGS = ("world_seed=0", "episode.steps=120", "reward={kind: qoe, w1: 0.5, cr
 MEASURES = ("qoe1_percent", "qoe3_percent", "crashes")
 FIRST_SEED, SEEDS = 9400, 8
 EPISODES, WARMUP = 10, 2
+ROLLOUT = 6144
+"""The steps of all drones between two updates."""
 
 
 def trained(program, folder, seed, steps, central):
@@ -46,7 +50,7 @@ def trained(program, folder, seed, steps, central):
 
     def save(network):
         done = network.about["training"]["steps_done"]
-        if left and done >= left[0] * steps // 4 - 6144:
+        if left and done >= left[0] * steps // 4 - ROLLOUT:
             (folder / f"{left.pop(0)}.npz").write_bytes(network.to_bytes())
 
     ppo.train(scenario, ppo.options_of(steps=1, seed=seed, central=central))  # loads the engine
@@ -70,8 +74,15 @@ def kept(place, made):
     return json.loads(place.read_text())
 
 
+def folder_of(program, asked):
+    """The folder of a program's trainings, whose name depends on its text and on all options."""
+    options = (asked.steps, asked.central, SETTINGS, FIRST_SEED, SEEDS, EPISODES, WARMUP)
+    text = program.read_bytes() + repr(options).encode()
+    return asked.out / f"{program.stem}-{hashlib.sha256(text).hexdigest()[:12]}"
+
+
 def main():
-    """Train and measure what is missing, and print the tables."""
+    """Train and measure what is missing, and print the tables; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("programs", nargs="+", type=Path, help="versions of policies/ppo.py")
     parser.add_argument("--seeds", type=int, default=5, help="trainings of each version")
@@ -79,12 +90,25 @@ def main():
     parser.add_argument("--steps", type=int, default=1_200_000, help="of all drones together")
     parser.add_argument("--central", action="store_true", help="a critic that sees all (MAPPO)")
     parser.add_argument("--out", type=Path, required=True, help="the folder of the networks")
-    asked = parser.parse_args()
-    spent_s = {program: [] for program in asked.programs}
-    curves = {program: [] for program in asked.programs}
+    try:
+        compare(parser.parse_args())
+    except DesimError as error:
+        print(f"ppo_curves.py: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+def compare(asked):
+    """Train and measure what is missing, and print the tables. Raises DesimError."""
+    require_within(vars(asked), {"seeds": (1, 2**20), "steps": (4 * ROLLOUT, 2**50)})
+    for program in asked.programs:
+        if not program.is_file():
+            raise UsageError(f"{program}: no such file")
+    folders = {program: folder_of(program, asked) for program in asked.programs}
+    spent_s, curves = ({program: [] for program in folders} for _ in range(2))
     for seed in range(asked.first_seed, asked.first_seed + asked.seeds):
-        for program in asked.programs:
-            folder = asked.out / program.stem / str(seed)
+        for program, place in folders.items():
+            folder = place / str(seed)
             folder.mkdir(parents=True, exist_ok=True)
             training = partial(trained, program, folder, seed, asked.steps, asked.central)
             spent_s[program].append(kept(folder / "spent_s.json", training))
@@ -126,4 +150,4 @@ def table_of_curves(curves, steps):
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -608,6 +608,54 @@ def test_the_kept_submissions_are_verified(name):
     assert differences(read(KEPT / name)) == []
 
 
+@pytest.fixture
+def curves(monkeypatch, capsys, tmp_path):
+    """Compare programs of ``ppo_curves`` with trainings that are short; the code and the output."""
+    script = importlib.import_module("ppo_curves")
+    made = []
+
+    def trained(program, folder, seed, steps, central):
+        made.append((program.parent.name, seed, steps, central))
+        return float(len(made))
+
+    def asked(*arguments):
+        made.clear()
+        words = ["ppo_curves.py", *map(str, arguments), "--out", str(tmp_path / "kept")]
+        monkeypatch.setattr(sys, "argv", words)
+        return script.main(), *capsys.readouterr(), list(made)
+
+    monkeypatch.setattr(script, "trained", trained)
+    monkeypatch.setattr(script, "measured", lambda network: dict.fromkeys(script.MEASURES, 1.0))
+    return asked
+
+
+def test_curves_are_kept_by_the_text_of_a_program_and_all_options(curves, tmp_path):
+    programs = [tmp_path / name / "ppo.py" for name in ("a", "b")]
+    for number, program in enumerate(programs):
+        program.parent.mkdir()
+        program.write_text(f"NUMBER = {number}\n")
+    usual, more = ("--seeds", 1, "--steps", 30_000), ("--seeds", 1, "--steps", 40_000)
+    assert curves(*programs, *usual)[3] == [("a", 0, 30_000, False), ("b", 0, 30_000, False)]
+    assert curves(*programs, *usual)[3] == []
+    assert curves(programs[0], *more)[3] == [("a", 0, 40_000, False)]
+    assert curves(programs[0], *usual, "--central")[3] == [("a", 0, 30_000, True)]
+    programs[0].write_text("NUMBER = 2\n")
+    assert curves(*programs, *usual)[3] == [("a", 0, 30_000, False)]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["none.py"], "none.py: no such file"),
+        ([SCRIPTS / "ppo_curves.py", "--seeds", 0], "--seeds 0: must be from 1 to"),
+        ([SCRIPTS / "ppo_curves.py", "--steps", 9], "--steps 9: must be from 24576 to"),
+    ],
+)
+def test_curves_without_trainings_are_refused(curves, arguments, told):
+    code, out, err, made = curves(*arguments)
+    assert (code, out, made) == (2, "", []) and told in err
+
+
 @pytest.mark.thorough
 def test_halves_of_a_run_make_its_score():
     """The mean of both halves, but for QoE1, which is a mean over requests."""
