@@ -287,12 +287,14 @@ def test_who_claims_to_see_no_future_sees_none(tmp_path, short):
     assert reached["Peeping"].mean() < reached["greedy"].mean()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["multi-service", "urban", "endurance", "handover", "edge"])
 def test_what_drones_observe_of_the_present_is_as_it_is(name):
     _, engine, present, snapshot = views(f"uav-v1/{name}/small")
     assert present.observations(engine) == snapshot.observations
 
 
+@pytest.mark.thorough
 def test_an_own_observation_does_not_read_what_is_drawn_already(tmp_path, monkeypatch):
     (tmp_path / "reading.py").write_text(READING, encoding="utf-8")
     seen = {}

@@ -123,6 +123,10 @@ def of_decisions(
         for name in OF_POLICY
         if getattr(submission.about, name) != getattr(again.about, name)
     ]
+    if any(getattr(again.about, name) != value for name, value in FIXED.items()) or (
+        again.about.runs != submission.about.runs
+    ):
+        return [*lines, "the policies have flown other runs than they were asked for"]
     now = {_run_of(row): commands for row, commands in zip(again.rows, again.commands, strict=True)}
     for row, commands in zip(submission.rows, submission.commands, strict=True):
         unlike = now[_run_of(row)].first_unlike(commands)
