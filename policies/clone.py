@@ -35,7 +35,7 @@ HIDDEN, BATCH = 128, 256
 
 
 class Manifest(Form):
-    """What the manifest of a data set must say."""
+    """The entries that the manifest of a data set must have."""
 
     task: str
     track: str
@@ -76,8 +76,9 @@ def steps_of(folder, features, outputs):
         if not masks[np.arange(len(actions)), actions].all():
             raise ValueError("an action was not allowed")
         return seen[free], masks[free], actions[free]
-    except Exception as error:  # Minari checks little
-        raise PolicyError(f"{folder}: not a readable data set: {error}") from error
+    except Exception as error:  # Minari and h5py raise errors of any kind for bad data
+        reason = str(error) or type(error).__name__
+        raise PolicyError(f"{folder}: not a readable data set: {reason}") from error
 
 
 def train(seen, masks, actions, *, epochs, rate, seed):

@@ -62,12 +62,13 @@ def options_of(worlds="own", **changes):
 def kind_of(scenario):
     """The module of what is learned: the class of the policy, its weights and their scales.
 
-    Raises UsageError for services by which flights do not count, and drones without a policy.
+    Raises UsageError if a service does not ask for a time, because QoE1 and QoE3 do not score it,
+    and for drones that none of the policies here can fly.
     """
     if not all(map(is_one_time, scenario.services.values())):
         raise UsageError(
-            f"{scenario.name}: policies count by QoE1 and QoE3 here, so all services must be ones "
-            "that ask for a time"
+            f"{scenario.name}: policies are compared by QoE1 and QoE3 here, so every service must "
+            "ask for a time"
         )
     world = build_world(scenario, 0)
     if not (world.free and world.by_event):

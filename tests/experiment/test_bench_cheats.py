@@ -7,6 +7,7 @@ import json
 import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -36,6 +37,7 @@ from desim_uav.world import build_world
 from tests.command_line import runner
 
 SMALL = "uav-v1/coverage/small"
+KEPT = Path(__file__).parents[2] / "analysis" / "leaderboard"
 
 NEVER_CHARGES = '''
 import numpy as np
@@ -329,6 +331,18 @@ def test_what_a_policy_may_read_is_said_beside_what_it_declares(tmp_path):
     own = sys.modules[type(load_policy(f"{tmp_path / 'local.py'}:Planning")).__module__].Own()
     assert not measure.is_shipped(own) and measure.is_shipped(scenario.observation)
     assert information("greedy", scenario).endswith("batteries; no future")
+
+
+def test_a_missing_policy_is_told_before_the_replays(tmp_path, monkeypatch):
+    def replayed(*_):
+        raise AssertionError("it has begun to replay")
+
+    monkeypatch.setattr("desim_uav.experiment.bench.verify.results_of", replayed)
+    found = read(KEPT / "edge-small-one-hover")
+    training = found.about.trainings[0].model_copy(update={"policy": "none.npz"})
+    about = found.about.model_copy(update={"trainings": [training]})
+    with pytest.raises(PolicyError, match=r"none\.npz: no such file of a policy"):
+        differences(replace(found, about=about), decide=True)
 
 
 @pytest.mark.thorough

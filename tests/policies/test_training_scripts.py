@@ -66,7 +66,7 @@ def test_planners_are_not_evolved_where_other_measures_count(
 ) -> None:
     file = tmp_path / "none.npz"
     assert script("evolve").main([f"uav-v1/{task}/small", "--out", str(file)]) == 2
-    assert "all services must be ones that ask for a time" in capsys.readouterr().err
+    assert "every service must ask for a time" in capsys.readouterr().err
 
 
 def test_evolution_needs_more_steps_than_the_flights_of_baseline(

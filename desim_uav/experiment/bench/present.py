@@ -56,7 +56,8 @@ class Present:
     def observations(self, engine: Engine) -> tuple[Observation, ...]:
         """Return what drones observe of the present state of the true engine.
 
-        An observation of somebody's own may read all of the state, in which the next draws are.
+        An observation that is not part of the package may read the whole state. The true state
+        also holds draws of the future, such as the time of each user's next request.
         """
         return self.engine(engine).snapshot().observations
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from desim_uav.errors import DesimError
+from desim_uav.errors import DesimError, PolicyError
 from desim_uav.experiment.bench.again import decided_again
 from desim_uav.experiment.bench.bounds import less_crashes
 from desim_uav.experiment.bench.commands import Commands, decisions_sha256
@@ -21,6 +21,7 @@ from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, BenchTrack, Task
 from desim_uav.experiment.processes import results_of
 from desim_uav.measures.known import KNOWN
+from desim_uav.policies.base import file_of
 
 FIXED = {"engine": ENGINE, "episodes": EPISODES, "warmup": WARMUP}
 OF_POLICY = ("information", "knows_future", "ceiling")
@@ -44,6 +45,8 @@ def differences(
     With ``decide`` its policies decide again after all replays, in a process of their own. Raises
     DesimError if one cannot be loaded.
     """
+    if decide:
+        _require_files(submission)
     task, track = submission.task, submission.track
     listed = _of_protocol(submission)
     if any(line.startswith(tuple(FIXED)) for line in listed):
@@ -58,8 +61,19 @@ def differences(
     return listed + (of_decisions(submission, jobs, on_run) if decide else [])
 
 
+def _require_files(submission: Submission) -> None:
+    """Raise PolicyError if the file of a policy is missing, before hours of replays."""
+    for training in submission.about.trainings:
+        file = file_of(training.policy)
+        if file is not None and not file.exists():
+            raise PolicyError(f"{training.policy}: no such file of a policy")
+
+
 def runs_of(submission: Submission, decide: bool = False) -> int:
-    """Return how many runs ``differences`` flies: the submission's, and a revealed set's."""
+    """Return how many runs ``differences`` flies: the submission's, and a revealed set's.
+
+    With ``decide`` those of the submission are flown twice.
+    """
     return len(submission.rows) * (2 if decide else 1) + len(_revealed_seeds(submission))
 
 
