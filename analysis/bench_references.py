@@ -11,6 +11,9 @@ from __future__ import annotations
 
 import argparse
 
+from script import count
+
+from desim_uav.errors import DesimError
 from desim_uav.experiment.bench.kept import complete
 from desim_uav.experiment.bench.tasks import TRACKS, find_task, tasks
 
@@ -18,13 +21,16 @@ from desim_uav.experiment.bench.tasks import TRACKS, find_task, tasks
 def main() -> None:
     """Compute and write what is missing."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-j", dest="jobs", type=int, default=1)
+    parser.add_argument("-j", dest="jobs", type=count(256), default=1)
     parser.add_argument("--anew", action="store_true")
-    parser.add_argument("--seeds", type=int)
+    parser.add_argument("--seeds", type=count())
     parser.add_argument("--track", choices=[*TRACKS])
     parser.add_argument("tasks", nargs="*", default=[*tasks()])
     asked = parser.parse_args()
-    chosen = list(map(find_task, asked.tasks))
+    try:
+        chosen = list(map(find_task, asked.tasks))
+    except DesimError as error:
+        parser.error(str(error))
     tracks = [TRACKS[name] for name in ([asked.track] if asked.track else TRACKS)]
     complete(chosen, tracks, asked.jobs, anew=asked.anew, seeds=asked.seeds)
 

@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from script import row
+from script import count, row
 
 import desim_uav as du
 from desim_uav.experiment.statistics import estimate, paired
@@ -200,13 +200,16 @@ def line(name, own, chosen):
 def arguments():
     """Return the motions, the seeds and the episodes, and how drones fly and learn."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=16, help="how many seeds, from 201 on")
-    parser.add_argument("--episodes", type=int, default=6000, help="episodes of a training")
+    parser.add_argument("--seeds", type=count(), default=16, help="how many seeds, from 201 on")
+    parser.add_argument("--episodes", type=count(), default=6000, help="episodes of a training")
     parser.add_argument("--energy", type=float, default=0.5, help="the weight of energy")
     parser.add_argument("--clock", action="store_true", help="decide at each step")
     parser.add_argument("--3d", dest="three_d", action="store_true", help="fly between buildings")
     parser.add_argument("names", nargs="*", help=f"of {', '.join(MOTIONS)}; default: all")
     given = parser.parse_args()
+    for name in given.names:
+        if name not in MOTIONS:
+            parser.error(f"{name}: must be one of {', '.join(MOTIONS)}")
     seeds = range(FIRST_SEED, FIRST_SEED + given.seeds)
     how = {"energy": given.energy, "clock": given.clock, "three_d": given.three_d}
     return given.names or list(MOTIONS), seeds, given.episodes, how

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from script import count
 
 from desim_uav.engine.base import ClosedRequest, RunSettings
 from desim_uav.engine.compiled import BatchSimulation
@@ -75,9 +76,9 @@ def main() -> None:
     """Print the shares of all seeds and their mean."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("size", nargs="?", default="small", choices=("small", "medium"))
-    parser.add_argument("--seeds", type=int, default=4)
-    parser.add_argument("--episodes", type=int, default=4)
-    parser.add_argument("--trials", type=int, default=1500)
+    parser.add_argument("--seeds", type=count(len(TRACKS["one"].seeds)), default=4)
+    parser.add_argument("--episodes", type=count(), default=4)
+    parser.add_argument("--trials", type=count(), default=1500)
     asked = parser.parse_args()
     task, track, shares = find_task(f"uav-v1/edge/{asked.size}"), TRACKS["one"], []
     world = build_world(task.scenario(track), 0)

@@ -21,6 +21,7 @@ from itertools import product
 
 import numpy as np
 from numpy.random import Generator
+from script import count
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
@@ -56,11 +57,11 @@ def main() -> None:
     """Print the mean ages and bounds of all seeds."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("size", nargs="?", default="small", choices=("small", "medium"))
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--episodes", type=int, default=4)
-    parser.add_argument("--trials", type=int, default=10000)
-    parser.add_argument("--rounds", type=int, default=ROUNDS)
-    parser.add_argument("-j", dest="jobs", type=int, default=1, help="episodes at a time")
+    parser.add_argument("--seeds", type=count(len(TRACKS["one"].seeds)), default=1)
+    parser.add_argument("--episodes", type=count(), default=4)
+    parser.add_argument("--trials", type=count(), default=10000)
+    parser.add_argument("--rounds", type=count(), default=ROUNDS)
+    parser.add_argument("-j", dest="jobs", type=count(256), default=1, help="episodes at a time")
     asked = parser.parse_args()
     ages, bounds = [], []
     for seed in TRACKS["one"].seeds[: asked.seeds]:

@@ -6,9 +6,11 @@ Trains on each seed from 100 on, in the world of the seed, evaluates greedily (2
 of warm-up), and divides the reward per step by the largest long-run average any policy can have.
 """
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
+
+from script import count
 
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.optimum import optimum
@@ -48,4 +50,7 @@ def main(seeds: int = 10, episodes: int | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("seeds", nargs="?", type=count(), default=10)
+    parser.add_argument("episodes", nargs="?", type=count(), help="of a training")
+    main(**vars(parser.parse_args()))

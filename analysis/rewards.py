@@ -14,7 +14,7 @@ is beside them. Further rewards are given by a name and their YAML, for instance
 import argparse
 
 import yaml
-from script import row
+from script import count, row
 
 import desim_uav as du
 from desim_uav.experiment.evaluate import evaluate
@@ -90,7 +90,7 @@ def arguments():
     """Return the cases, the seeds and the rewards that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="the first seed")
-    parser.add_argument("--seeds", type=int, default=5, help="how many seeds")
+    parser.add_argument("--seeds", type=count(), default=5, help="how many seeds")
     parser.add_argument("--against", choices=REWARDS, help="the reward of the differences")
     parser.add_argument("asked", nargs="*", help="cases, and rewards as NAME={kind: …}")
     given = parser.parse_intermixed_args()

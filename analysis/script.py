@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -24,6 +25,17 @@ Analysis = Callable[["pd.DataFrame", bool], "Figure | None"]
 def row(cells: Iterable[object]) -> str:
     """Return a row of a Markdown table."""
     return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def count(most: int = 2**20) -> Callable[[str], int]:
+    """Return the type of an option of a script that is a whole number from 1 to ``most``."""
+
+    def read(text: str) -> int:
+        if not text.isdecimal() or not 1 <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {most}, not {text}")
+        return int(text)
+
+    return read
 
 
 def run_script(analysis: Analysis, about: str | None) -> None:

@@ -9,6 +9,7 @@ a drone observes and is paid for.
 """
 
 import argparse
+import io
 import sys
 from copy import deepcopy
 from pathlib import Path
@@ -21,10 +22,11 @@ from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.vec_env import VecEnv
 
-from desim_uav.disk import file_place
+from desim_uav.disk import file_place, write_at
 from desim_uav.env import UavParallelVectorEnv
 from desim_uav.env.configure import configured
 from desim_uav.errors import DesimError, UsageError, require_within
+from desim_uav.experiment.interrupt import end_politely
 
 ENVS = 8
 """So many environments side by side, each of which has all drones of the scenario."""
@@ -121,14 +123,19 @@ def main(arguments=None):
     asked = parser.parse_args(arguments)
     try:
         require_within(vars(asked), {"steps": (1, 2**50), "seed": (0, 2**20)})
-        file_place(Path(asked.file), "the model", [".zip"])
-        train(asked.algorithm, asked.scenario, asked.steps, asked.seed).save(asked.file)
+        place, model = file_place(Path(asked.file), "the model", [".zip"]), io.BytesIO()
+        train(asked.algorithm, asked.scenario, asked.steps, asked.seed).save(model)
+        write_at(place, model.getvalue())
     except DesimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    except KeyboardInterrupt:
+        print("interrupted; no file has been written", file=sys.stderr)
+        return 130
     print(f"desim-uav run {asked.scenario} --seed {asked.seed} --policy sb3:{asked.file}")
     return 0
 
 
 if __name__ == "__main__":
+    end_politely()
     sys.exit(main())

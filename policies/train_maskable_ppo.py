@@ -5,6 +5,7 @@ desim-uav run case1 --seed 0 --policy sb3:model.zip
 """
 
 import argparse
+import io
 import sys
 from pathlib import Path
 
@@ -14,10 +15,11 @@ import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.env_util import make_vec_env
 
-from desim_uav.disk import file_place
+from desim_uav.disk import file_place, write_at
 from desim_uav.env import UavEnv
 from desim_uav.env.configure import configured
 from desim_uav.errors import DesimError, require_within
+from desim_uav.experiment.interrupt import end_politely
 
 ENVS = 8
 """So many runs of the world side by side: drones that go on from each other's ends see little."""
@@ -76,14 +78,19 @@ def main(arguments=None):
     torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
     try:
         require_within(vars(asked), {"steps": (1, 2**50), "seed": (0, 2**20)})
-        file_place(Path(asked.file), "the model", [".zip"])
-        train(asked.scenario, asked.steps, asked.seed).save(asked.file)
+        place, model = file_place(Path(asked.file), "the model", [".zip"]), io.BytesIO()
+        train(asked.scenario, asked.steps, asked.seed).save(model)
+        write_at(place, model.getvalue())
     except DesimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    except KeyboardInterrupt:
+        print("interrupted; no file has been written", file=sys.stderr)
+        return 130
     print(f"desim-uav run {asked.scenario} --seed {asked.seed} --policy sb3:{asked.file}")
     return 0
 
 
 if __name__ == "__main__":
+    end_politely()
     sys.exit(main())

@@ -20,6 +20,7 @@ from ray.rllib.env.wrappers.pettingzoo_env import ParallelPettingZooEnv
 from desim_uav import UavParallelEnv
 from desim_uav.env.configure import configured
 from desim_uav.errors import DesimError, require_within
+from desim_uav.experiment.interrupt import end_politely
 from desim_uav.policies.rllib import save
 from desim_uav.policies.rllib.masking import AddActionMask, EncodeObservation, MaskedModule
 
@@ -119,6 +120,9 @@ def main(arguments=None):
     except DesimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    except KeyboardInterrupt:
+        print("interrupted; no file has been written", file=sys.stderr)
+        return 130
     algorithm.save_to_path(Path(asked.folder).resolve())  # to go on with it in RLlib
     save(algorithm, asked.folder)  # for the run
     algorithm.stop()
@@ -127,4 +131,5 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
+    end_politely()
     sys.exit(main())

@@ -96,6 +96,26 @@ def test_rewards_are_asked_for_in_any_order(monkeypatch):
     assert rewards.keys() - script["REWARDS"].keys() == {"mine"}
 
 
+@pytest.mark.parametrize(
+    ("script", "asked", "told"),
+    [
+        ("rewards", ["--seeds", "0"], "must be a whole number from 1"),
+        ("cruise", ["--seeds", "0"], "must be a whole number from 1"),
+        ("cruise", ["8.4 m/s"], "must be one of fill_epoch, 8.3 m/s"),
+        ("learned_against_optimum", ["-1"], "-1"),
+        ("learned_against_optimum", ["1", "0"], "must be a whole number from 1"),
+        ("bench_references", ["uav-v1/nowhere"], "uav-v1/nowhere: unknown task"),
+        ("bench_references", ["--seeds", "0"], "must be a whole number from 1"),
+        ("edge_schedule", ["--seeds", "11"], "must be a whole number from 1 to 10"),
+        ("harvest_schedule", ["--trials", "1e9"], "must be a whole number from 1"),
+    ],
+)
+def test_what_a_script_cannot_do_is_a_usage_error(ask, script, asked, told):
+    code, printed, error = ask(script, *asked)
+    assert (code, printed) == (2, "")
+    assert told in error
+
+
 SMALL = ["users.count=16", "episode.steps=20"]
 SEEDS = (0, 1, 2)
 QUESTIONS = ("waiting", "distance", "interruptions", "fairness", "paired_difference")

@@ -133,3 +133,17 @@ def test_an_interrupted_training_of_benchmarl_names_a_file_once_it_has_begun(
     assert module.main(["case8", str(file)]) == 130
     told = f"interrupted; {file if began else 'no file'} has the policy of the last update\n"
     assert capsys.readouterr().err == told
+
+
+@pytest.mark.parametrize("name", ["train_maskable_ppo", "train_continuous"])
+def test_an_interrupted_training_says_that_there_is_no_file(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*asked: object) -> None:
+        raise KeyboardInterrupt
+
+    own = script(name)
+    monkeypatch.setattr(own, "train", interrupted)
+    assert own.main(words_of(name, tmp_path / "model.zip")) == 130
+    assert capsys.readouterr() == ("", "interrupted; no file has been written\n")
+    assert not [*tmp_path.iterdir()]
