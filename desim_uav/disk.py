@@ -15,14 +15,16 @@ from desim_uav.errors import DesimError, UsageError
 from desim_uav.rowcode.regular_file import new_file
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes, mode: int = 0o666) -> None:
     """Write a file completely, or leave the old one: a new file replaces it in one step.
+
+    ``mode`` has its permissions, from which those are taken that the process may not give.
 
     Raises DesimError if the file cannot be written.
     """
     beside = path.with_name(f".{path.name}-{uuid.uuid4().hex}")
     try:
-        with new_file(beside) as file:
+        with new_file(beside, mode) as file:
             file.write(content)
             sync(file)
         beside.replace(path)
@@ -56,7 +58,7 @@ def file_place(out: Path, option: str = "", endings: Sequence[str] = ()) -> Path
     return place
 
 
-def write_at(place: Path, content: bytes) -> Path:
+def write_at(place: Path, content: bytes, mode: int = 0o666) -> Path:
     """Write a file in its place, which is returned, and make its folders if they do not exist.
 
     Raises DesimError if that fails; then new folders are removed again.
@@ -67,7 +69,7 @@ def write_at(place: Path, content: bytes) -> Path:
             place.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DesimError(f"cannot write {place}: {error.strerror or error}") from error
-        write_whole(place, content)
+        write_whole(place, content, mode)
     except BaseException:
         for folder in new:
             with suppress(OSError):  # somebody else's file is in it

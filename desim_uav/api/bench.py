@@ -272,7 +272,8 @@ def bench_reveal(
 ) -> Path:
     """Reveal a sealed set, and compute the references and bounds of its runs.
 
-    In Python, this does what ``desim-uav bench reveal`` does, and returns the folder of the set.
+    In Python, this does what ``desim-uav bench reveal`` does, and returns the folder of the set. If
+    the set is there already, only what is missing is computed.
 
     Args:
         key: The file with the key of the seal.
@@ -281,16 +282,15 @@ def bench_reveal(
         jobs: The number of runs that are computed at a time. In Python, it is as in ``bench_run``.
 
     Raises:
-        PolicyError: the file has no key.
+        PolicyError: the file has no key, or the folder has the set of another key.
         UsageError: a task is unknown, or the folder cannot be written.
     """
     from desim_uav.experiment.bench.kept import complete
     from desim_uav.experiment.bench.sealed import read_key, reveal, tracks_of
-    from desim_uav.experiment.bench.tasks import BENCHMARK, find_task
-    from desim_uav.run_folder import RunPlace
+    from desim_uav.experiment.bench.tasks import find_task
 
     chosen, secret = [find_task(task) for task in tasks], read_key(Path(key))
-    folder = reveal(secret, RunPlace(_path(out), f"{BENCHMARK}-revealed"))
+    folder = reveal(secret, _path(out))
     complete(chosen, list(tracks_of(secret, folder).values()), jobs)
     return folder
 

@@ -92,7 +92,8 @@ def board(arguments: dict[str, Any], as_json: bool) -> None:
 @made(bench_export, NO_PROGRESS, NO_PLUGINS)
 def export(arguments: dict[str, Any], quiet: bool) -> None:
     """Print the folder of the data set."""
-    tell(bench_export(**arguments))
+    folder, _ = ended(bench_export, arguments)
+    tell(folder)
 
 
 @made(bench_seal)
@@ -104,7 +105,8 @@ def seal(arguments: dict[str, Any]) -> None:
 @made(bench_reveal, NO_PLUGINS)
 def reveal(arguments: dict[str, Any]) -> None:
     """Print the folder of the set."""
-    tell(bench_reveal(**arguments))
+    folder, _ = ended(bench_reveal, arguments, "what was computed is kept; see --out")
+    tell(folder)
 
 
 app.command("list", cls=PlainCommand)(list_tasks)

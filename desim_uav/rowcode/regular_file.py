@@ -60,13 +60,13 @@ def utf8(content: bytes) -> str:
 
 
 @contextmanager
-def new_file(path: Path) -> Iterator[IO[bytes]]:
-    """Make a new file for writing.
+def new_file(path: Path, mode: int = 0o666) -> Iterator[IO[bytes]]:
+    """Make a new file for writing, with these permissions at most.
 
     Raises OSError if there is anything of this name, a link included.
     """
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK | BINARY
-    with os.fdopen(os.open(path, flags, 0o666), "wb") as file:
+    with os.fdopen(os.open(path, flags, mode), "wb") as file:
         yield file
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
+import stat
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -410,6 +412,40 @@ def test_a_seal_tells_nothing_and_a_key_everything(cli, tmp_path):
     assert tracks["one"].world_seed == 0 and {one.seal for one in tracks.values()} == {seal}
     other = tracks_of(hashlib.sha256(b"").hexdigest(), tmp_path)
     assert not {*other["any"].seeds} & {*seeds}
+
+
+def test_nobody_else_can_read_a_new_key(cli, tmp_path):
+    cli("bench", "seal", "--key", "secret.key")
+    assert os.name == "nt" or stat.S_IMODE((tmp_path / "secret.key").stat().st_mode) == 0o600
+
+
+def test_a_reveal_that_was_interrupted_goes_on(cli, tmp_path, monkeypatch):
+    cli("bench", "seal", "--key", "secret.key")
+    reveal = ("bench", "reveal", "--key", "secret.key", "--out", "open")
+    seen = []
+
+    def interrupted(chosen, tracks, jobs):
+        seen.append(tracks)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(kept, "complete", interrupted)
+        stopped = cli(*reveal)
+    assert (stopped.code, stopped.out) == (130, "")
+    assert "interrupted; what was computed is kept" in stopped.err
+    monkeypatch.setattr(kept, "complete", lambda *asked: seen.append(asked[1]))
+    assert cli(*reveal).code == 0
+    assert seen[0] == seen[1]
+
+
+def test_the_set_of_another_key_is_not_written_over(cli, tmp_path):
+    for name in ("one", "two"):
+        cli("bench", "seal", "--key", f"{name}.key")
+    assert cli("bench", "reveal", "--key", "one.key", "--out", "open").code == 0
+    before = (tmp_path / "open" / "registry.json").read_bytes()
+    again = cli("bench", "reveal", "--key", "two.key", "--out", "open")
+    again.failed(4, "open: it has the revealed set of another key")
+    assert (tmp_path / "open" / "registry.json").read_bytes() == before
 
 
 def test_what_is_no_revealed_set_is_refused(cli, tmp_path):

@@ -250,7 +250,8 @@ def _section(table: dict[str, Any]) -> str:
     if not table["scored"]:
         heading += (
             "There are no scores, because no references are kept; "
-            f"`python analysis/bench_references.py {table['task']}` computes them.\n\n"
+            f"`python analysis/bench_references.py {table['task']}` computes those of the public "
+            f"set, and `desim-uav bench reveal {table['task']}` those of a revealed one.\n\n"
         )
     elif not table["bounded"]:
         heading += "No bound is proven for this task's model, so a score of 1 means the best value "

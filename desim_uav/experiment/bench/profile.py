@@ -36,7 +36,7 @@ def figure(tables: Sequence[dict[str, Any]]) -> Figure:
     if not curves:
         raise PolicyError(
             "there is no profile, because no policy has a score; scores need references, which "
-            "`python analysis/bench_references.py` computes"
+            "`python analysis/bench_references.py` or `desim-uav bench reveal` computes"
         )
     return profile_figure(curves)
 

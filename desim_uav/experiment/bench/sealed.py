@@ -50,8 +50,11 @@ def read_key(file: Path) -> str:
 
 
 def make_key(file: Path) -> None:
-    """Write a new random key to a file. Raises UsageError if it cannot be written."""
-    write_at(file_place(file, "--key"), (secrets.token_hex(32) + "\n").encode())
+    """Write a new random key to a file that only its owner can read.
+
+    Raises UsageError if it cannot be written.
+    """
+    write_at(file_place(file, "--key"), (secrets.token_hex(32) + "\n").encode(), 0o600)
 
 
 def seal_of(key: str) -> str:
@@ -73,8 +76,16 @@ def tracks_of(key: str, folder: Path) -> dict[str, BenchTrack]:
     }
 
 
-def reveal(key: str, place: RunPlace) -> Path:
-    """Write the folder of a set that is no longer secret, still without references and bounds."""
+def reveal(key: str, out: Path | None) -> Path:
+    """Return the folder of a set that is no longer secret.
+
+    A new one has no references and bounds yet. Raises PolicyError if there is a set of another key.
+    """
+    if out is not None and (out / REGISTRY).exists():
+        if any(track.seal != seal_of(key) for track in revealed(out).values()):
+            raise PolicyError(f"{out}: it has the revealed set of another key")
+        return out
+    place = RunPlace(out, f"{BENCHMARK}-revealed")
     content = {"benchmark": BENCHMARK, "seal": seal_of(key), "key": key, "files": {}}
     with place.draft() as draft:
         draft.write_text(REGISTRY, json.dumps(content, indent=1) + "\n")
