@@ -142,8 +142,8 @@ CONTENDERS = (
     ),
     Contender(
         *("dispatcher", "dispatch.npz"),
-        "ranks places by numbers [learned](../howto/decisions.md#learn-to-dispatch) in the "
-        "training worlds of the small task",
+        "ranks places by numbers [learned](../howto/decisions.md#learn-to-dispatch) in world 0 of "
+        "the small task",
         families=("dispatch",),
         plans=True,
     ),
