@@ -198,8 +198,12 @@ class Entry:
 
     @property
     def decidable(self) -> bool:
-        """Whether its policies are here and decide quickly, so that they can do so again."""
-        return not self.contender.plans and all(one.file.exists() for one in self.trainings())
+        """Whether the policies that its manifest names are here and decide quickly."""
+        there = self.submission()
+        if there is None or self.contender.plans:
+            return False
+        trained = there.about.trainings if self.trainings() else []
+        return all(Path(one.policy).exists() for one in trained)
 
     def submission(self) -> Submission | None:
         """Return the submission if it is there, of this task, with all seeds and trainings."""

@@ -508,7 +508,7 @@ def test_a_submission_that_differs_from_its_replay_fails(leaderboard, lead, monk
 
 
 @pytest.mark.thorough
-def test_who_decides_again_is_noted(leaderboard, lead, monkeypatch):
+def test_who_decides_again_is_noted(leaderboard, lead, monkeypatch, tmp_path):
     """A planner is only replayed, and so is a policy whose training is not here."""
     contenders = [
         leaderboard.Contender("slow", "hover", "", plans=True),
@@ -525,6 +525,8 @@ def test_who_decides_again_is_noted(leaderboard, lead, monkeypatch):
     assert checks(leaderboard)[table.name] == "decided again"
     receipts.unlink()
     shutil.rmtree(leaderboard.MADE)
+    monkeypatch.setattr(leaderboard, "MADE", tmp_path / "elsewhere")  # not what the manifest names
+    kept_table(*table.trainings())
     assert lead()[0] == 0
     assert set(checks(leaderboard).values()) == {"replayed"}
 
