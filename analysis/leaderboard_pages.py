@@ -262,9 +262,8 @@ def costs(plan: Sequence[Planned], times: Times) -> str:
         f"{there} of the {len(plan)} submissions of the plan are there. "
         + (missing if there < len(plan) else "")
         + f"What is there took {total_s / 3600:.2f} hours on one core "
-        f"({'; '.join(times.processors())}), with the "
-        "compilation of the code, but without the trainings of policies that ship with the "
-        "package. This is the processor time in minutes:\n\n"
+        f"({'; '.join(times.processors())}), with compilations, but without the trainings of "
+        "shipped policies. This is the processor time in minutes:\n\n"
         + _markdown(("Parts", "Number", "Minutes"), lines)
     )
 
