@@ -45,7 +45,7 @@ from desim_uav.experiment.bench.receipts import DECIDED, add_receipt, digest_of,
 from desim_uav.experiment.bench.run import submit
 from desim_uav.experiment.bench.submission import Submission, read
 from desim_uav.experiment.bench.tasks import FAMILIES, TRACKS, BenchTrack, Task, find_task
-from desim_uav.experiment.bench.verify import differences
+from desim_uav.experiment.bench.verify import differences, lacking_policy
 from desim_uav.experiment.interrupt import end_politely
 from desim_uav.experiment.processes import run_each, run_script
 from desim_uav.policies.mlp import MlpFile
@@ -200,10 +200,7 @@ class Entry:
     def decidable(self) -> bool:
         """Whether the policies that its manifest names are here and decide quickly."""
         there = self.submission()
-        if there is None or self.contender.plans:
-            return False
-        trained = there.about.trainings if self.trainings() else []
-        return all(Path(one.policy).exists() for one in trained)
+        return there is not None and not self.contender.plans and not lacking_policy(there)
 
     def submission(self) -> Submission | None:
         """Return the submission if it is there, of this task, with all seeds and trainings."""

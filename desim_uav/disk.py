@@ -18,7 +18,7 @@ from desim_uav.rowcode.regular_file import new_file
 def write_whole(path: Path, content: bytes, mode: int = 0o666) -> None:
     """Write a file completely, or leave the old one: a new file replaces it in one step.
 
-    ``mode`` has its permissions, from which those are taken that the process may not give.
+    It gets the permissions ``mode``, less those that the umask of the process forbids.
 
     Raises DesimError if the file cannot be written.
     """

@@ -105,7 +105,9 @@ def seal(arguments: dict[str, Any]) -> None:
 @made(bench_reveal, NO_PLUGINS)
 def reveal(arguments: dict[str, Any]) -> None:
     """Print the folder of the set."""
-    folder, _ = ended(bench_reveal, arguments, "what was computed is kept; see --out")
+    folder, _ = ended(
+        bench_reveal, arguments, "what was computed is kept, and --out with its folder goes on"
+    )
     tell(folder)
 
 

@@ -61,7 +61,7 @@ def utf8(content: bytes) -> str:
 
 @contextmanager
 def new_file(path: Path, mode: int = 0o666) -> Iterator[IO[bytes]]:
-    """Make a new file for writing, with these permissions at most.
+    """Make a new file for writing, with the permissions ``mode`` less those of the umask.
 
     Raises OSError if there is anything of this name, a link included.
     """

@@ -18,6 +18,7 @@ from desim_uav.experiment.bench.tasks import EPISODES, WARMUP, find_task, find_t
 from desim_uav.experiment.run import run
 from desim_uav.policies import load_policy
 from desim_uav.world import build_world
+from tests.command_line import runner
 
 ROOT = Path(__file__).parents[2]
 TASK = "uav-v1/coverage/small"
@@ -27,6 +28,16 @@ def test_it_names_the_missing_extra(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "minari", None)
     with pytest.raises(MissingExtraError, match=r'bench export .*pip install -e "\.\[minari\]"'):
         du.bench_export(TASK, "hover")
+
+
+def test_ctrl_c_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("desim_uav.experiment.bench.export.export", interrupted)
+    stopped = runner(capsys, monkeypatch)("bench", "export", TASK, "--policy", "hover")
+    assert (stopped.code, stopped.out) == (130, "")
+    assert "interrupted; nothing is kept" in stopped.err
 
 
 def test_no_seed_is_one_of_a_submission():

@@ -45,8 +45,8 @@ def differences(
     With ``decide`` its policies decide again after all replays, in a process of their own. Raises
     DesimError if one cannot be loaded.
     """
-    if decide:
-        _require_files(submission)
+    if decide and (lacking := lacking_policy(submission)):
+        raise PolicyError(f"{lacking}: no such file of a policy")
     task, track = submission.task, submission.track
     listed = _of_protocol(submission)
     if any(line.startswith(tuple(FIXED)) for line in listed):
@@ -61,12 +61,16 @@ def differences(
     return listed + (of_decisions(submission, jobs, on_run) if decide else [])
 
 
-def _require_files(submission: Submission) -> None:
-    """Raise PolicyError if the file of a policy is missing, before hours of replays."""
+def lacking_policy(submission: Submission) -> str:
+    """Return the first policy whose file is missing, or "".
+
+    It is asked before the replays, which may take hours.
+    """
     for training in submission.about.trainings:
         file = file_of(training.policy)
         if file is not None and not file.exists():
-            raise PolicyError(f"{training.policy}: no such file of a policy")
+            return training.policy
+    return ""
 
 
 def runs_of(submission: Submission, decide: bool = False) -> int:
