@@ -114,17 +114,19 @@ def main(arguments=None):
     parser.add_argument("--shared", action="store_true", help="one network for all drones")
     asked = parser.parse_args(arguments)
     torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
+    written = "no file has been written"
     try:
         require_within(vars(asked), {"steps": (1, 2**50), "seed": (0, 2**20)})
         algorithm = train(asked.scenario, asked.steps, asked.seed, asked.shared)
+        written = f"what {asked.folder} has may be incomplete"
+        algorithm.save_to_path(Path(asked.folder).resolve())  # to go on with it in RLlib
+        save(algorithm, asked.folder)  # for the run
     except DesimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("interrupted; no file has been written", file=sys.stderr)
+        print(f"interrupted; {written}", file=sys.stderr)
         return 130
-    algorithm.save_to_path(Path(asked.folder).resolve())  # to go on with it in RLlib
-    save(algorithm, asked.folder)  # for the run
     algorithm.stop()
     print(f"desim-uav run {asked.scenario} --seed {asked.seed} --policy rllib:{asked.folder}")
     return 0

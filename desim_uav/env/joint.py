@@ -34,6 +34,8 @@ class JointActions(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
 
         Raises ArgumentError for such a one, and if there are more than ``most`` actions.
         """
+        if most < 1:
+            raise ArgumentError(f"most: must be at least 1, not {most}")
         self._numbers = JointNumber(*_fleet_of(env, "JointActions"))
         drones, actions, count = self._numbers.drones, self._numbers.actions, self._numbers.count
         if count > most:

@@ -138,6 +138,8 @@ def test_too_many_joint_actions_are_refused_with_their_number():
     assert JointActions(made({**BRITTLE, "drones.count": 4})).action_space.n == 6561
     with pytest.raises(ArgumentError, match="at most 728 are allowed"):
         JointActions(made(), most=728)
+    with pytest.raises(ArgumentError, match="most: must be at least 1, not -1"):
+        JointActions(made(), most=-1)
 
 
 @pytest.mark.parametrize("outer", [JointActions, InTurn, SkipForced])
