@@ -118,7 +118,7 @@ def main(arguments=None):
     try:
         require_within(vars(asked), {"steps": (1, 2**50), "seed": (0, 2**20)})
         algorithm = train(asked.scenario, asked.steps, asked.seed, asked.shared)
-        written = f"what {asked.folder} has may be incomplete"
+        written = f"the checkpoint in {asked.folder} may be incomplete"
         algorithm.save_to_path(Path(asked.folder).resolve())  # to go on with it in RLlib
         save(algorithm, asked.folder)  # for the run
     except DesimError as error:

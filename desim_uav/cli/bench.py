@@ -106,7 +106,7 @@ def seal(arguments: dict[str, Any]) -> None:
 def reveal(arguments: dict[str, Any]) -> None:
     """Print the folder of the set."""
     folder, _ = ended(
-        bench_reveal, arguments, "what was computed is kept, and --out with its folder goes on"
+        bench_reveal, arguments, "what was computed is kept; to go on, give its folder to --out"
     )
     tell(folder)
 

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -789,6 +790,28 @@ def test_the_recipe(trained: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     world = build_world(configured("case8", {"seed": 4}), 4)
     ((log, _),) = play(world, Lawful(load_policy("rllib:checkpoint")), "mine", 4)
     assert all(step.action == step.action_taken for step in log.steps)
+
+
+@needs_rllib
+@pytest.mark.parametrize(
+    ("where", "told"),
+    [("train", "no file has been written"), ("save", "the checkpoint in new may be incomplete")],
+)
+def test_ctrl_c_ends_the_recipe(
+    where: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+):
+    from policies import train_rllib
+
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    algorithm = SimpleNamespace(save_to_path=lambda path: path.mkdir())
+    monkeypatch.setattr(train_rllib, "train", lambda *_: algorithm)
+    monkeypatch.setattr(train_rllib, where, interrupted)
+    assert train_rllib.main(["case8", "new"]) == 130
+    assert capsys.readouterr() == ("", f"interrupted; {told}\n")
+    assert (tmp_path / "new").exists() == (where == "save")
 
 
 @needs_rllib
